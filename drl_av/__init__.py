@@ -3,6 +3,7 @@
 The packages, each importing only from those before it:
 
     config, errors   every setting with its source and bounds, and every error
+    compiled         functions that numba compiles at their first call
     files            atomic writing, CSV tables
     road             lanes, the state of all vehicles, swept bodies: pure functions
     driving          affordance indicators, actions, lane changes: pure functions

@@ -56,7 +56,8 @@ class Compiled(Generic[P, R]):
     def fast(self) -> Callable[..., R]:
         """The function without a look at the types of its arguments, a third of a short call.
 
-        The first call fixes the types; those of all later calls must be the same.
+        The first call fixes the types. All later calls must have the same: numbers are converted,
+        but a strided array would be read as if it were contiguous (``Snapshot.arrays``).
         """
 
         def first(*args: Any) -> R:

@@ -121,7 +121,7 @@ class BarricadeTraining(Cell):
 
     def make(self, rows: Sequence[Row], jobs: int) -> Generator[Row, None, None]:
         """Train a driver, then evaluate it; yield a row for each episode of both parts."""
-        from drl_av.learning.builder import build_training
+        from drl_av.learning.training import build_training
 
         with closing(HighwayEnv(config=self.config)) as env:
             training = build_training(env)

@@ -163,6 +163,30 @@ def _by_kind(results: ResultsFolder) -> dict[str, list[Row]]:
     return grouped(results.rows(OPPONENTS_SWEEP.table), itemgetter("traffic"))
 
 
+def pooled_table(results: ResultsFolder) -> str:
+    """Return the Markdown table of our drivers' gains over the best opponent, m/s, by traffic.
+
+    The episodes with ``MIDDLE`` vehicles are pooled.
+    """
+    kinds = {kind: _pooled(rows) for kind, rows in _by_kind(results).items()}
+    best = {kind: best_opponent(found) for kind, found in kinds.items()}
+    lines = [["the best opponent", *(f"`{name}`" for name in best.values())]]
+    for name in filter(_is_ours, next(iter(kinds.values()))):
+        gains = (gain(found[name], found[best[kind]]) for kind, found in kinds.items())
+        lines.append([f"`{name}`", *map(str, gains)])
+    return markdown_table(["driver", *kinds], lines)
+
+
+def hits_table(results: ResultsFolder) -> str:
+    """Return the Markdown table of the collisions of each driver, by traffic."""
+    kinds = {kind: grouped(rows, label) for kind, rows in _by_kind(results).items()}
+    lines = [
+        [f"`{name}`", *(collisions_cell(found[name]) for found in kinds.values())]
+        for name in next(iter(kinds.values()))
+    ]
+    return markdown_table(["driver", *kinds], lines)
+
+
 def gain_over_best_table(results: ResultsFolder) -> str:
     """Return the Markdown table of our drivers' gains over the best opponent, m/s.
 
@@ -263,6 +287,8 @@ OPPONENTS_SWEEP = Experiment(
     row="an episode of a driver in a kind of traffic, with a check and a longitudinal reference",
     plan=opponents_plan,
     summaries={
+        "opponents": pooled_table,
+        "opponents_hits": hits_table,
         "opponents_gain": gain_over_best_table,
         "opponents_same_check": same_check_table,
         "opponents_aggregate": aggregate_table,

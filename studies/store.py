@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml
+from drl_av.config import Config, from_toml
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.provenance import provenance, read_sidecar, sidecar, write_sidecar
 from drl_av.files import (
@@ -212,7 +212,7 @@ def stored_config(settings: dict[str, Any], name: str) -> Config:
     Raises:
         ConfigError: this version does not know a setting in ``settings``.
     """
-    return from_toml(tomli_w.dumps(settings), OLD_DEFAULTS, name)
+    return from_toml(tomli_w.dumps(settings), name=name)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drl_av.config import OLD_DEFAULTS, Config, load_config
+from drl_av.config import Config, load_config
 from drl_av.drivers import policy_file
 from drl_av.errors import RunError
 from drl_av.files import Row, read_table
@@ -71,7 +71,7 @@ class TrainingJob:
         """Raise RunError if the training's folder, or that of its origin, has other settings."""
         if self.origin:
             self.origin.require_same_settings()
-        if self.begun and load_config(self.folder / "config.toml", OLD_DEFAULTS) != self.config:
+        if self.begun and load_config(self.folder / "config.toml") != self.config:
             raise RunError(
                 f"{self.folder} was begun with other settings: choose another folder with --runs, "
                 "or move it away."
@@ -113,8 +113,8 @@ def train_job(job: TrainingJob) -> None:
     """
     job.require_same_settings()
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.builder import build_training, warm_start
-    from drl_av.learning.run import Run, train
+    from drl_av.learning.run import Run, train, warm_start
+    from drl_av.learning.training import build_training
 
     run = Run(job.folder)
     with closing(HighwayEnv(config=job.config)) as env, ExitStack() as stack:

@@ -56,7 +56,7 @@ def chain(
         for k, part in enumerate(parts)
     )
     places = "".join(
-        f'<node id="n{k}" x="{500 * k}" y="{60 * k * k}" type="{kind if k == 1 else "priority"}"/>'
+        f'<node id="n{k}" x="{500 * k}" y="{40 * k * k}" type="{kind if k == 1 else "priority"}"/>'
         for k in range(len(parts) + 1)
     )
     return converted(folder, places + nodes, roads + edges, ways, options)
@@ -129,4 +129,5 @@ def leaving(
             ("away", "r1", "r2", 2, 10),
         )
     )
-    return converted(folder, nodes, edges, ways)
+    # the lanes inside the junction are as fast as the edges: each limit has one place
+    return converted(folder, nodes, edges, ways, ["--junctions.limit-turn-speed", "-1"])

@@ -12,7 +12,7 @@ import pytest
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
-from drl_av.learning.checkpoint import save_policy
+from drl_av.drivers.policy_file import save_policy
 
 SHORT = Config().updated("simulation", decisions_per_episode=10)
 TINY = (

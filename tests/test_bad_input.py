@@ -19,12 +19,11 @@ from runs import error_message
 
 from drl_av.cli import main
 from drl_av.config import from_toml, load_config
-from drl_av.drivers.policy_file import load
+from drl_av.drivers.policy_file import load, save
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
-from drl_av.learning.builder import build_training
-from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
+from drl_av.learning.training import build_training
 from drl_av.scenarios import description_file
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from verification.fuzz_driving import positions

@@ -30,7 +30,7 @@ FIGURES = {
     "7": ("prioritized",),
     "8": ("adaptation",),
 }
-SOURCES = ("README.md", "CHANGELOG.md", "docs", "drl_av", "verification", "examples")
+SOURCES = ("README.md", "CHANGELOG.md", "docs", "drl_av", "studies", "verification", "examples")
 NEAR = 130
 """Characters before and after a number in which a word must stand."""
 

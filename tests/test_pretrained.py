@@ -10,13 +10,19 @@ from drl_av.config import Config, load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVEL_1
 from drl_av.drivers.masked_policy import load_actor
-from drl_av.drivers.policy_file import PRETRAINED, SHIPPED, find_policy, load, load_policy
+from drl_av.drivers.policy_file import (
+    PRETRAINED,
+    SHIPPED,
+    find_policy,
+    load,
+    load_policy,
+    save_policy,
+)
 from drl_av.drivers.registry import default_config, find_drivers, load_driver, make_drivers
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.provenance import checksum
-from drl_av.learning.checkpoint import save_policy
 from studies.experiment import ResultsFolder
 from verification.ramps import drive as drive_ramp
 

@@ -1,6 +1,7 @@
 """What the README shows is run, made small; its tables are those of the code and the results."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,20 @@ def test_the_python_example_drives_an_episode_in_which_the_check_replaces_action
 
 def test_the_tables_are_those_of_the_code_and_the_committed_results() -> None:
     run(ROOT, "tools/refresh_tables.py", "--check")
+
+
+def test_a_number_in_the_text_comes_from_the_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "tools")
+    tool = import_module("refresh_tables")
+    text = re.sub(r"<!-- table.*?<!-- end -->", "", README, flags=re.DOTALL)
+    assert tool.refreshed(text, set()) == text
+    marked = re.findall(r"<!--=\w+-->(.+?)<!--/-->", text)
+    assert len(marked) >= 2
+    for number in marked:
+        assert tool.refreshed(text.replace(number, "-0.999"), set()) == text
+    results = text.partition("## Results")[2].partition("## ")[0]
+    unmarked = re.sub(r"<!--=\w+-->.+?<!--/-->", "", results)
+    assert set(re.findall(r"-?\d\.\d{2,}", unmarked)) == {"-0.025"}  # the paper's
 
 
 def test_it_names_every_entry_of_info_and_no_other() -> None:

@@ -191,3 +191,11 @@ def scenes(draw: st.DrawFn) -> Scene:
         road=road,
         lane_change=lane_change,
     )
+
+
+def seen_from(shot: Snapshot, row: int) -> Snapshot:
+    """The same moment with the vehicle of a row as the ego."""
+    order = [row, *(other for other in range(len(shot.ids)) if other != row)]
+    arrays = ("s_m", "y_m", "speed_m_s", "lateral_speed_m_s", "length_m", "width_m")
+    moved = {name: getattr(shot, name)[order] for name in arrays}
+    return shot._replace(ids=tuple(shot.ids[other] for other in order), **moved)

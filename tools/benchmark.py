@@ -3,8 +3,12 @@
     python tools/benchmark.py                       measure all rows
     python tools/benchmark.py env train --json      measure some rows, print JSON
 
-    env          the environment at 30 vehicles, with resets, beside bare libsumo, which executes
-                 the same commands step by step, without observations and decisions
+    env          the environment as gymnasium.make makes it, with action masks, at 30 vehicles, with
+                 resets, under each safety check, beside bare libsumo, which executes the same
+                 commands step by step, without observations and decisions
+    traffic      the environment in traffic of our own drivers (paper, hazards) beside traffic that
+                 SUMO drives (calm)
+    worlds       256 worlds of the twin with 30 vehicles each, on one thread, beside the environment
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 of the paper beside stable-baselines3's DQN on the same environment
@@ -45,12 +49,16 @@ from benchmark_rows import (
     roads_rows,
     scaling_rows,
     straight_rows,
+    traffic_rows,
+    worlds_rows,
 )
 
 from drl_av.evaluation.provenance import made_by
 
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,
+    "traffic": traffic_rows,
+    "worlds": worlds_rows,
     "step": step_rows,
     "train": train_rows,
     "highway-env": highway_env_rows,

@@ -15,9 +15,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from drl_av.cli import command_line
 from drl_av.config import Config
 from drl_av.config.reference import SECTIONS, section_meaning, settings, written
-from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS
+from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS, indicator_meaning
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
-from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
+from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.env.observation import GROUPS
 from drl_av.scenarios.road_types import ROAD_TYPES
 from studies.markdown import markdown_table

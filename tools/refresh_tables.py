@@ -3,15 +3,17 @@
 python tools/refresh_tables.py            rewrite the pages
 python tools/refresh_tables.py --check    exit with 1 if a page and its sources differ
 
-A page has a table between the lines ``<!-- table: NAME -->`` and ``<!-- end -->``.
+A page has a table between the lines ``<!-- table: NAME -->`` and ``<!-- end -->``, and a number of
+its text between ``<!--=NAME-->`` and ``<!--/-->``.
 """
 
 import argparse
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 
 from docs_pages import actions, observation
 
@@ -71,8 +73,44 @@ for name in (*ramps.SUCCESS, *LEARNED, "merge_planner", *PAPER):
     TABLES[name] = partial(lambda file, results: ramps.table(read(file)), f"{name}.txt")
 
 
+def mean_reward(table: str, results: ResultsFolder) -> str:
+    """Return the shipped driver's mean reward in a table's rows, up to 30 vehicles."""
+    rows = [
+        float(row["mean_reward"])
+        for row in results.rows(table)
+        if row["driver"] == "pretrained" and int(row["vehicles"]) <= 30
+    ]
+    return f"{fmean(rows):.3f}"
+
+
+def hits(table: str, where: Mapping[str, str], results: ResultsFolder) -> str:
+    """Return in how many of a table's episodes the ego hit something, as "2 of 6,300".
+
+    Only rows count whose columns ``where`` begin with the given texts.
+    """
+    rows = [
+        row["ego_hit"] == "True"
+        for row in results.rows(table)
+        if all(row[column].startswith(text) for column, text in where.items())
+    ]
+    return f"{sum(rows)} of {len(rows):,}"
+
+
+VALUES: dict[str, Callable[[ResultsFolder], str]] = {
+    "reward": partial(mean_reward, "density_sweep.csv"),
+    "exact_reward": partial(mean_reward, "exact_speed.csv"),
+    "trained_hits": partial(hits, "final_policies.csv", {"training": "paper-"}),
+    "unchecked_hits": partial(hits, "final_policies.csv", {"training": "permit_all-"}),
+    "paper_hits": partial(hits, "opponents.csv", {"variant": "paper", "driver": "pretrained"}),
+    "strict_hits": partial(hits, "opponents.csv", {"variant": "strict"}),
+    "smooth_hits": partial(hits, "opponents.csv", {"variant": "smooth"}),
+    "planner_hits": partial(hits, "opponents.csv", {"variant": "search", "safety_check": "strict"}),
+}
+"""The numbers in the text of the pages, by name."""
+
+
 def refreshed(page: str, shown: set[str]) -> str:
-    """Return a page's text with new tables; add the names of the tables to ``shown``."""
+    """Return a page's text with new tables and numbers; add the tables' names to ``shown``."""
 
     def fresh(match: re.Match[str]) -> str:
         name = match[2]
@@ -81,8 +119,12 @@ def refreshed(page: str, shown: set[str]) -> str:
             raise SystemExit(f"There is no table {name!r}; the tables are: {', '.join(TABLES)}.")
         return f"{match[1]}{TABLES[name](ResultsFolder(RESULTS))}\n{match[3]}"
 
+    def value(match: re.Match[str]) -> str:
+        return f"{match[1]}{VALUES[match[2]](ResultsFolder(RESULTS))}{match[3]}"
+
     marks = r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)"
-    return re.sub(marks, fresh, page, flags=re.DOTALL)
+    page = re.sub(marks, fresh, page, flags=re.DOTALL)
+    return re.sub(r"(<!--=(\w+)-->).*?(<!--/-->)", value, page)
 
 
 def main() -> int:

@@ -16,6 +16,8 @@ from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety.reachability import STILL_M_S, lanes_under
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
 
+ARRAYS = Snapshot._fields[2:8]
+"""The names of a snapshot's arrays."""
 BoolArray = npt.NDArray[np.bool_]
 TOLERANCE = 1e-6
 BRAKED = "braked too hard"
@@ -44,6 +46,17 @@ class Breach(NamedTuple):
     """One of the circumstances above, such as ``SOONER``, or empty."""
 
 
+def _in_both(*shots: Snapshot) -> list[Snapshot]:
+    """Return two snapshots with those vehicles only that are in both, in the same order."""
+    common = [name for name in shots[0].ids if name in set(shots[1].ids)]
+    found = []
+    for shot in shots:
+        rows = [shot.ids.index(name) for name in common]
+        columns = {name: getattr(shot, name)[rows] for name in ARRAYS}
+        found.append(shot._replace(ids=tuple(common), **columns))
+    return found
+
+
 class Auditor:
     """Records the broken bounds of an episode, SUMO step by SUMO step."""
 
@@ -62,8 +75,13 @@ class Auditor:
         self._lane_s = np.full(len(self._road.open_lanes), np.inf)
 
     def watch(self, after: Snapshot) -> None:
-        """Compare a snapshot with that of one SUMO step before; the first call only stores it."""
+        """Compare a snapshot with that of one SUMO step before; the first call only stores it.
+
+        A vehicle that has entered an open road or left it in between is not compared.
+        """
         before, self._before = self._before, after
+        if before is not None and before.ids != after.ids:
+            before, after = _in_both(before, after)
         if before is None or len(before.ids) == 1:
             return
         step_s = self._config.simulation.step_length_s
@@ -180,13 +198,14 @@ class Auditor:
         return self._gaps(shot, row)[0] - float(needs_m)
 
     def _must_hit(self, shot: Snapshot, behind_m: FloatArray | float) -> BoolArray:
-        """Return which vehicles would hit the ego from behind if both braked as hard as permitted.
+        """Return which vehicles would hit the ego from behind if both braked hard.
 
-        ``behind_m`` is the gap of each vehicle to the ego ahead of it, m. The result has shape
-        (1 + others,).
+        The vehicles brake with ``strict.follower_braking_m_s2``, on which the check relies, even if
+        ``strict.braking_m_s2`` permits vehicles ahead to brake harder. ``behind_m`` is the gap of
+        each vehicle to the ego ahead of it, m. The result has shape (1 + others,).
         """
         strict, step_s = self._config.strict, self._config.simulation.step_length_s
-        rolled_m = stopping_distance(shot.speed_m_s, strict.braking_m_s2, step_s)
+        rolled_m = stopping_distance(shot.speed_m_s, strict.follower_braking_m_s2, step_s)
         hard_m_s2 = self._config.ego.hard_brake_m_s2
         rest_m = behind_m + stopping_distance(shot.speed_m_s[EGO], hard_m_s2, step_s)
         result: BoolArray = rolled_m > rest_m

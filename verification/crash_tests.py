@@ -12,7 +12,7 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import load_driver
-from drl_av.driving.affordances import ObservationScale
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.evaluation.processes import workers
 from drl_av.road.road import FloatArray
 from studies.strictness import under

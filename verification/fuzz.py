@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from drl_av.config import Config, from_toml, load_config
-from drl_av.config.stored import load_stored
 from drl_av.drivers.policy_file import PRETRAINED, load_policy
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.figures import EPISODE_COLUMNS
 from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.files import read_table
+from drl_av.learning.run import load_stored
 from drl_av.scenarios.folder import (
     find_scenario,
     load_scenario,

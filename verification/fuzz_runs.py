@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 
 from drl_av.cli import main
-from drl_av.drivers.policy_file import load
+from drl_av.drivers.policy_file import load, save
 from drl_av.env.highway import HighwayEnv
-from drl_av.learning.builder import build_training
-from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
+from drl_av.learning.training import build_training
 from drl_av.scenarios.folder import find_scenario
 
 TINY = """

@@ -251,7 +251,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as home:
         for kind, flow in ((kind, flow) for kind in options.kind for flow in options.flow):
             folder = Path(home, f"{kind}_{flow:g}")
-            write_scenario(folder, ROAD_TYPES[kind].description(flow_per_h=flow))
+            write_scenario(folder, replace(ROAD_TYPES[kind].description(), flow_per_h=flow))
             for spec in specs:
                 config = driven_with(spec, folder, options.safety_check)
                 [driver] = make_drivers([spec], config).values()

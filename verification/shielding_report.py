@@ -58,12 +58,9 @@ def table(rows: list[Row]) -> str:
 
 
 def section(results: ResultsFolder) -> str:
-    """Return the table and the figure of ``shielding.csv`` as Markdown, or a note without rows."""
+    """Return the table of ``shielding.csv`` as Markdown, or a note without rows."""
     rows = results.rows("shielding.csv")
-    if not rows:
-        return "*The trainings have not been made yet.*"
-    picture = "![Learning with a mask, with a replacement, and with a penalty](shielding.png)"
-    return f"{table(rows)}\n\n{picture}"
+    return table(rows) if rows else "*The trainings have not been made yet.*"
 
 
 def figure(rows: list[Row], path: Path) -> None:

@@ -67,7 +67,7 @@ Drivers = list[tuple[float, Driver]]
 
 def fast(seed: int) -> Drivers:
     """Train with the preset ``fast``; return the drivers of its checkpoints."""
-    from drl_av.learning.builder import build_training
+    from drl_av.learning.training import build_training
 
     drivers: Drivers = []
     config = preset("fast").updated("learning", seed=seed)

@@ -101,8 +101,8 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.cli.tables import print_gains, print_overall, print_styles, print_summaries
     from drl_av.env.metrics import EpisodeMetrics
     from drl_av.evaluation.comparison import Evaluation
+    from drl_av.evaluation.criterion import judge
     from drl_av.evaluation.criticality import CriticalityMetrics, styles
-    from drl_av.evaluation.judgement import judge
     from drl_av.evaluation.statistics import overall, summarize, write_summaries
     from drl_av.files import require_suffix, require_writable
 

@@ -26,7 +26,7 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.drivers.onnx_interface import INPUTS, OUTPUTS
     from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run
     from drl_av.drivers.registry import RULE_DRIVERS
-    from drl_av.driving.affordances import ObservationScale
+    from drl_av.driving.observation_scale import ObservationScale
     from drl_av.errors import ConfigError
     from drl_av.files import require_suffix, require_writable
     from drl_av.scenarios.folder import find_scenario, load_scenario

@@ -4,6 +4,7 @@ import argparse
 import shlex
 import sys
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,9 +87,8 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.builder import build_training
-    from drl_av.learning.run import Run
-    from drl_av.learning.tensorboard import require_tensorboard
+    from drl_av.learning.run import Run, require_tensorboard
+    from drl_av.learning.training import build_training
 
     if options.tensorboard:
         require_tensorboard()
@@ -143,9 +143,8 @@ def adapt(options: argparse.Namespace) -> int:
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.builder import build_training, warm_start
-    from drl_av.learning.run import Run
-    from drl_av.learning.tensorboard import require_tensorboard
+    from drl_av.learning.run import Run, require_tensorboard, warm_start
+    from drl_av.learning.training import build_training
 
     if options.tensorboard:
         require_tensorboard()
@@ -199,7 +198,8 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
         return _unchanged(
             run, stored, with_command_line(stored, options).updated("learning", **given)
         )
-    base = adaptation(default_config([spec._replace(check=None)]))  # that of its training
+    spec = replace(spec, check=None)  # that of its training
+    base = adaptation(default_config([spec]))
     config = with_command_line(base, options).updated("learning", **given)
     make_drivers([spec], config)
     return config
@@ -247,8 +247,7 @@ def _run(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
     """Train with a progress bar; return True after the last episode, False after a stop."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
-    from drl_av.learning.run import train
-    from drl_av.learning.tensorboard import tensorboard_writer
+    from drl_av.learning.run import tensorboard_writer, train
 
     total, done = training.config.learning.episodes, training.episodes_done
     with (

@@ -10,6 +10,7 @@ from typing import Any
 
 from drl_av.cli.arguments import int_at_least
 from drl_av.errors import ScenarioError
+from drl_av.scenarios.road_description import RoadDescription
 from drl_av.scenarios.road_types import ROAD_TYPES, road_type_name
 
 FLAGS = {"barricaded_lanes": "--barricade"}
@@ -93,10 +94,12 @@ def scenario(options: argparse.Namespace) -> int:
     write_scenario(options.folder, described)
     command = shlex.join(["sumo-gui", "-c", str(options.folder / "highway.sumocfg")])
     print(f"{options.folder}: open it with {command}")
+    if described.summary:
+        print(described.summary)
     return 0
 
 
-def _stories(sources: Sequence[str], kind: str | None) -> dict[str, Any]:
+def _stories(sources: Sequence[str], kind: str | None) -> dict[str, RoadDescription]:
     """Return the descriptions of ``sources``; raise ScenarioError if one has another kind."""
     from drl_av.scenarios.description_file import unknown_road_type
     from drl_av.scenarios.folder import find_description, read_description

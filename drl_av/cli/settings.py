@@ -1,11 +1,14 @@
 """Adds the options that all verbs with an environment share, and applies them to a config."""
 
 import argparse
+import sys
+from contextlib import suppress
 
 from drl_av.config import TRAFFIC_PRESETS, Config, with_files
 from drl_av.drivers.registry import driver_names
+from drl_av.errors import ScenarioError
 from drl_av.safety import CHECKS
-from drl_av.scenarios.folder import with_scenario
+from drl_av.scenarios.folder import summary_of, with_scenario
 
 
 def driver_words() -> str:
@@ -54,6 +57,7 @@ def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     """Return ``config``, changed by --traffic, --config, --scenario and --safety-check in turn.
 
+    If the scenario was made from the user's own files, it says on stderr what was made of them.
     Raises ConfigError if the TOML file or a setting is wrong.
     """
     if options.traffic is not None:
@@ -61,4 +65,8 @@ def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     config = with_files(config, options.config)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
-    return with_scenario(config, options.scenario)
+    config = with_scenario(config, options.scenario)
+    with suppress(ScenarioError):  # which the verb reports when it loads the scenario
+        if summary := summary_of(config.simulation.scenario):
+            print(summary, file=sys.stderr)
+    return config

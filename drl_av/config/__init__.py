@@ -28,7 +28,6 @@ from drl_av.errors import ConfigError
 
 __all__ = [
     "DESIRED_VALUES",
-    "OLD_DEFAULTS",
     "REPLAYS",
     "SINGLE_PRESETS",
     "TRAFFIC_PRESETS",
@@ -87,10 +86,18 @@ class Config:
         """
         return replace(self, traffic=traffic_preset(kind, self.traffic))
 
+    def __post_init__(self) -> None:
+        for name in self.traffic.presets:
+            if name not in SINGLE_PRESETS:
+                raise ConfigError(
+                    f"traffic.presets has {name!r}{did_you_mean(name, SINGLE_PRESETS)}, but its "
+                    f"kinds of traffic are: {', '.join(SINGLE_PRESETS)}."
+                )
+
     @property
-    def of_each_kind(self) -> "list[Config]":
-        """One config per kind of traffic if ``traffic.all_kinds`` is true, else only this one."""
-        return [*map(self.with_traffic, SINGLE_PRESETS)] if self.traffic.all_kinds else [self]
+    def per_traffic_preset(self) -> "list[Config]":
+        """One config for each of ``traffic.presets``; without any, only this one."""
+        return [*map(self.with_traffic, self.traffic.presets)] or [self]
 
     def to_toml(self) -> str:
         """Return all settings as TOML text; ``from_toml`` converts it back to an equal config."""
@@ -98,12 +105,6 @@ class Config:
 
 
 _SECTIONS: dict[str, Any] = {item.name: type(item.default) for item in fields(Config)}
-
-OLD_DEFAULTS = Config().updated("reward", speed_tolerance_m_s=0.0)
-"""The config that gives the values of settings that a file of an older version does not contain."""
-
-RENAMED = {("learning", "networks_take_turns"): "round_robin"}
-"""New names of renamed settings; the key is (section, name in the files of older versions)."""
 
 
 def from_toml(text: str, base: Config | None = None, name: str = "config") -> Config:
@@ -147,7 +148,6 @@ def from_sections(
         if section == "traffic" and "kind" in settings:
             config = config.with_traffic(settings["kind"])
             settings = {key: value for key, value in settings.items() if key != "kind"}
-        settings = {RENAMED.get((section, key), key): value for key, value in settings.items()}
         known = [item.name for item in fields(_SECTIONS[section])]
         for key in settings:
             if key not in known:

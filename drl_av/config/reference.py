@@ -103,6 +103,8 @@ def _allowed(default: Any, meta: Any) -> str:
         return "one of " + ", ".join(meta["choices"])
     if isinstance(default, bool):
         return "true or false"
+    if isinstance(default, tuple):
+        return "a list of names"
     low, high = meta["low"], meta["high"]
     if low is None and high is None:
         return "text" if isinstance(default, str) else "any number"

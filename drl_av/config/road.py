@@ -3,23 +3,26 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
+
+ONE_STRIP_M = 3.8
+"""From this ``lateral_resolution_m`` on, each lane is one strip (the lane width of Table I)."""
 
 
 @dataclass(frozen=True)
 class SimulationConfig(Section):
     """The scenario, and the time steps of SUMO and of the decisions."""
 
+    decision_interval_s: ClassVar[float] = 1.0
+    """Time between two decisions (Table I); it cannot be set."""
     scenario: str = setting(
         "circular_three_lane", "ours", "path of a scenario folder, or name of a shipped scenario"
     )
     step_length_s: float = setting(
         0.5, "ours", "length of a SUMO step; must divide one second", low=0.01, high=1.0
-    )
-    decision_interval_s: float = setting(
-        1.0, "Table I", "time between two decisions; always 1 s", low=1.0, high=1.0
     )
     decisions_per_episode: int = setting(
         200, "Sec. IV-C", "N_s, largest number of decisions in an episode", low=1, high=100_000
@@ -27,7 +30,8 @@ class SimulationConfig(Section):
     lateral_resolution_m: float = setting(
         3.8,
         "ours",
-        "width of a strip of SUMO's sublane model; the default is one strip per lane",
+        "width of a strip of SUMO's sublane model; from 3.8 m on, one strip per lane, also in "
+        "wider lanes",
         low=0.1,
         high=10.0,
     )
@@ -49,3 +53,8 @@ class SimulationConfig(Section):
     def steps_per_decision(self) -> int:
         """Number of SUMO steps in one decision."""
         return round(self.decision_interval_s / self.step_length_s)
+
+    def strip_width_m(self, lane_width_m: float) -> float:
+        """Return the width of a strip on a road with lanes of this width, metres."""
+        own_m = self.lateral_resolution_m
+        return own_m if own_m < ONE_STRIP_M else max(own_m, lane_width_m)

@@ -56,19 +56,21 @@ def section_name(section: type) -> str:
 
 
 def _converted(value: Any, kind: type) -> Any:
-    """Convert a numpy scalar, an int or a path to ``kind``, the type of a setting, if it fits."""
+    """Convert a numpy scalar, int, path or list to ``kind``, the type of a setting, if it fits."""
     if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
         value = value.item()
     if kind is float and type(value) is int:
         return float(value) if abs(value) <= sys.float_info.max else math.inf
+    if kind is tuple and isinstance(value, list):
+        return tuple(value)
     return str(value) if kind is str and isinstance(value, PurePath) else value
 
 
 class Section:
     """Base class of all sections; the constructor checks the value of each field.
 
-    It also converts numpy scalars to Python numbers, ints to floats, and paths to strings, where
-    the setting has that type.
+    It also converts numpy scalars to Python numbers, ints to floats, paths to strings, and lists to
+    tuples, where the setting has that type.
 
     Raises:
         ConfigError: a value has a wrong type, is out of bounds, or is not one of the choices.
@@ -84,7 +86,8 @@ class Section:
                 value = _converted(value, kind)
                 object.__setattr__(self, item.name, value)
             if type(value) is not kind:
-                raise ConfigError(f"{where} is {value!r}, but must be of type {kind.__name__}.")
+                name = "list" if kind is tuple else kind.__name__
+                raise ConfigError(f"{where} is {value!r}, but must be of type {name}.")
             if meta["choices"] is not None and value not in meta["choices"]:
                 raise ConfigError(
                     f"{where} is {value!r}{did_you_mean(value, meta['choices'])}, "

@@ -21,11 +21,11 @@ class TrafficConfig(Section):
     vehicles_max: int = setting(
         30, "Sec. IV-B", "N_T, most vehicles besides the ego in an episode", low=0, high=1000
     )
-    all_kinds: bool = setting(
-        False,
+    presets: tuple[str, ...] = setting(
+        (),
         "ours",
-        "whether each episode draws its kind of traffic; only the numbers of vehicles may then be "
-        "set",
+        "kinds of traffic of which each episode draws one; only the numbers of vehicles may then "
+        "be set",
     )
     desired_speed_min_m_s: float = setting(20.0, "ours", "lowest desired speed", low=0, high=60)
     desired_speed_max_m_s: float = setting(32.0, "ours", "highest desired speed", low=0.1, high=60)
@@ -143,9 +143,9 @@ class TrafficConfig(Section):
         self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
         self.ordered("speed_gain_min", "speed_gain_max")
         numbers = self.vehicles_min, self.vehicles_max
-        if self.all_kinds and replace(self, all_kinds=False) != TrafficConfig(*numbers):
+        if self.presets and replace(self, presets=()) != TrafficConfig(*numbers):
             raise ConfigError(
-                "traffic: all_kinds draws the other settings of the section in each episode, so "
+                "traffic: presets draws the other settings of the section in each episode, so "
                 "only vehicles_min and vehicles_max can be set beside it: remove the others."
             )
         if sum(self.shares) > 1 + 1e-9:

@@ -78,12 +78,12 @@ TRAFFIC_PRESETS: dict[str, TrafficPreset] = {
             "random_lane_changes_per_s": (0.01, "ours: five times that of calm, to both sides"),
         },
     ),
-    "all": TrafficPreset(
-        "each episode draws one of the other kinds", {"all_kinds": (True, "ours")}
-    ),
 }
-SINGLE_PRESETS = tuple(name for name in TRAFFIC_PRESETS if name != "all")
+SINGLE_PRESETS = tuple(TRAFFIC_PRESETS)
 """The kinds of traffic except ``all``, for which each episode draws one of these."""
+TRAFFIC_PRESETS["all"] = TrafficPreset(
+    "each episode draws one of the other kinds", {"presets": (SINGLE_PRESETS, "ours")}
+)
 
 
 def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:

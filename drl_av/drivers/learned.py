@@ -85,7 +85,7 @@ def mean_values(members: Sequence[Values]) -> Values:
     return mean if others else first
 
 
-def considerate(check: SafetyCheck, mobil: MobilConfig) -> Permission:
+def respects_mobil(check: SafetyCheck, mobil: MobilConfig) -> Permission:
     """Return the permission of a driver that must reach an exit or merge (ours).
 
     It admits the actions that ``check`` permits, except those that begin
@@ -136,7 +136,7 @@ class Margins(NamedTuple):
         """Return the margins of the settings ``learning``."""
         return cls(*(getattr(learning, name) for name in MARGINS))
 
-    def prices(self, changing: bool) -> Float32Array:
+    def action_penalties(self, changing: bool) -> Float32Array:
         """Return the margin that is subtracted from the Q-value of each action, shape (12,).
 
         ``changing`` says whether a lane change is in progress. If it is, the actions to the left
@@ -171,7 +171,10 @@ class LearnedDriver(Driver):
     ) -> None:
         self.values = values
         self.margins, self._permission = margins, permission
-        self._prices = margins.prices(changing=False), margins.prices(changing=True)
+        self._penalties = (
+            margins.action_penalties(changing=False),
+            margins.action_penalties(changing=True),
+        )
 
     def with_margins(self, margins: Margins) -> "LearnedDriver":
         """Return a driver with the same Q-values and permission, and other margins."""
@@ -195,7 +198,7 @@ class LearnedDriver(Driver):
         it admits none.
         """
         values = self.values(observation)
-        values -= self._prices[scene.lane_change is not None]
+        values -= self._penalties[scene.lane_change is not None]
         best = ACTIONS[values.argmax()]
         if self._permission is None:
             return best

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml
+from drl_av.config import Config, from_toml
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Layers, forward
 from drl_av.drivers.policy_file import load
@@ -62,7 +62,7 @@ def load_actor(path: Path) -> tuple[Layers, Config]:
             weights do not fit its config or are not finite numbers.
     """
     tensors, metadata = load(path)
-    config = from_toml(str(metadata.get("config")), OLD_DEFAULTS, f"the config in {path}")
+    config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
     sizes = INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)
     shapes: dict[str, tuple[int, ...]] = {}
     for number, (inputs, outputs) in enumerate(pairwise(sizes)):

@@ -11,8 +11,8 @@ from drl_av.drivers.external import INDICATORS_INPUT, LANE_CHANGE_INPUT
 from drl_av.drivers.learned import Margins
 from drl_av.drivers.network import LEAK, QNetwork
 from drl_av.drivers.onnx_interface import INPUTS, INSIDE, OUTPUTS, Port, metadata
-from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.mirror import MIRROR
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import DrlAvError
 from drl_av.files import write_atomic
 
@@ -138,6 +138,6 @@ def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
 def _chosen(graph: _Graph, q: str, margins: Margins) -> None:
     """Add nodes that choose the action as ``LearnedDriver.act`` does; the output is ``action``."""
     began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
-    prices = (graph.constant(margins.prices(changing)) for changing in (True, False))
-    worth = graph.add("Sub", q, graph.add("Where", began, *prices))
+    penalties = (graph.constant(margins.action_penalties(changing)) for changing in (True, False))
+    worth = graph.add("Sub", q, graph.add("Where", began, *penalties))
     graph.add("ArgMax", worth, name="action", axis=1, keepdims=0)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from drl_av.config import Config
 from drl_av.drivers.learned import Margins
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import INDICATORS, SLOTS, indicator_meaning
+from drl_av.driving.affordances import INDICATORS, SLOTS
 
 
 class Port(NamedTuple):
@@ -59,6 +59,20 @@ INSIDE = (
     "for starting and aborting lane changes and for accelerations. It has no safety check. One "
     "call is one decision, for the next second."
 )
+_MEANINGS = {
+    "d_x": "net gap, bumper to bumper, m",
+    "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
+    "d_y": "relative lateral position, m; left positive",
+    "v_y": "relative lateral velocity, m/s; left positive",
+    "ego_v_x": "speed of the ego, m/s",
+    "ego_d_y": "lateral position of the ego from the centre of the rightmost lane, m",
+    "ego_v_y": "lateral velocity of the ego, m/s; left positive",
+}
+
+
+def indicator_meaning(name: str) -> str:
+    """Return what an indicator means, with its unit."""
+    return _MEANINGS[name if name in _MEANINGS else name[-3:]]
 
 
 def described() -> str:

@@ -1,7 +1,8 @@
-"""Reads policy files and checkpoints: safetensors with a checksum, so that no code can run."""
+"""Policy files and checkpoints: safetensors with a checksum, so that no code can run."""
 
 import hashlib
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml, load_config
+from drl_av.config import Config, from_toml, load_config
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.files import write_atomic
 
 State = dict[str, np.ndarray]
 """Arrays by name."""
@@ -95,6 +97,33 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
     return tensors, metadata
 
 
+def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
+    """Write named arrays, and metadata of JSON types, to the safetensors file ``path`` atomically.
+
+    An interruption at any moment leaves either the complete old file or the complete new one.
+
+    Raises:
+        CheckpointError: the disk is full, or the folder is missing or not writable.
+    """
+    tensors = {name: np.asarray(tensor, order="C") for name, tensor in tensors.items()}
+    text = json.dumps(metadata, sort_keys=True)
+    header = json.dumps({"metadata": text, "sha256": checksum(tensors, text)}, sort_keys=True)
+    write_atomic(path, safetensors.numpy.save(tensors, {FORMAT: header}), CheckpointError)
+
+
+def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
+    """Write a policy file: the weights of the networks, and their config.
+
+    The arrays of several networks have an additional first axis, the network. Raises
+    CheckpointError if the file cannot be written.
+    """
+    named = [network.tensors() for network in networks]
+    tensors = {name: np.stack([own[name] for own in named]) for name in named[0]}
+    if len(networks) == 1:
+        tensors = {name: tensor[0] for name, tensor in tensors.items()}
+    save(path, tensors, {"kind": "policy", "config": config.to_toml()})
+
+
 def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
     """Read a policy file; return its networks (more than one for an ensemble) and its config.
 
@@ -108,7 +137,7 @@ def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
             f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
         )
     try:
-        config = from_toml(str(metadata.get("config")), OLD_DEFAULTS, f"the config in {path}")
+        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
     except ConfigError as error:
         raise CheckpointError(
             f"{path} was written with other settings than this version knows: {error}"
@@ -173,7 +202,7 @@ def load_run(path: Path) -> tuple[list[QNetwork], Config]:
     file = find_policy(path)
     networks, config = load_policy(file)
     settings = file.with_name("config.toml")
-    if path.is_dir() and settings.is_file() and load_config(settings, OLD_DEFAULTS) != config:
+    if path.is_dir() and settings.is_file() and load_config(settings) != config:
         raise CheckpointError(
             f"{file} belongs to other settings than {settings}: put back the policy of that run, "
             "or name the policy file itself."

@@ -7,9 +7,10 @@ then lists it.
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.presets import PRESETS, as_config
@@ -17,8 +18,9 @@ from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory, is_factory
-from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, considerate, learned_driver
+from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, learned_driver, respects_mobil
 from drl_av.drivers.masked_policy import MaskedPolicyDriver, is_actor, load_actor
+from drl_av.drivers.network import Layers
 from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rule_based import (
     TUNED,
@@ -63,7 +65,8 @@ DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
 
-class DriverSpec(NamedTuple):
+@dataclass(frozen=True)
+class DriverSpec:
     """A driver that the user requests: its name and its source."""
 
     name: str
@@ -79,6 +82,33 @@ class DriverSpec(NamedTuple):
     def is_external(self) -> bool:
         """Whether the driver's file is a zip or ONNX file, which holds no config of drl-av."""
         return self.run is not None and self.run.suffix.lower() in LOADERS
+
+    @cached_property
+    def learned(self) -> "tuple[LearnedDriver, Config] | None":
+        """The driver and the config of its training, read once; None if it has no Q-networks.
+
+        Raises:
+            RunError, CheckpointError: as ``load_learned``.
+        """
+        if self.run is None or self.is_external or self.actor is not None:
+            return None
+        return load_learned(self.run)
+
+    @cached_property
+    def actor(self) -> "tuple[Layers, Config] | None":
+        """The layers and the config of a training at scale, read once; None for other drivers.
+
+        Raises:
+            RunError, CheckpointError: as ``load_learned``.
+        """
+        if self.run is None or self.is_external:
+            return None
+        file = policy_file.find_policy(self.run)
+        return load_actor(file) if is_actor(file) else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields for a worker process, which reads the driver itself."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 def driver_names() -> tuple[str, ...]:
@@ -169,9 +199,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
         CheckpointError: the policy file of that driver is damaged.
     """
     for spec in specs:
-        if spec.run and not spec.is_external:
-            file = policy_file.find_policy(spec.run)
-            config = (load_actor(file) if is_actor(file) else load_learned(spec.run))[1]
+        if found := spec.learned or spec.actor:
+            config = found[1]
             return config.updated("safety", check=spec.check) if spec.check else config
     return Config()
 
@@ -198,11 +227,14 @@ def driving_config(
     return config.updated("learning", **margins)
 
 
-def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Driver]:
+def make_drivers(
+    specs: Sequence[DriverSpec], config: Config, check: SafetyCheck | None = None
+) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
     If ``config.learning`` has the margins of the first learned driver, each learned driver keeps
     its own. Otherwise all learned drivers use those of ``config.learning``, even if they are 0.
+    ``check`` is the environment's safety check; by default it is made if a driver asks it.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
@@ -212,27 +244,27 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
         ConfigError: a factory does not work, or no rule-based driver has the name.
     """
     drivers: dict[str, Driver] = {}
-    own_files = {spec.name: spec.run for spec in specs if spec.run and not spec.is_external}
-    actors = {name: policy_file.find_policy(run) for name, run in own_files.items()}
-    actors = {name: file for name, file in actors.items() if is_actor(file)}
-    learned = {name: load_learned(run) for name, run in own_files.items() if name not in actors}
-    trained = [Margins.of(own.learning) for _, own in learned.values()]
+    trained = [Margins.of(spec.learned[1].learning) for spec in specs if spec.learned]
     margins = Margins.of(config.learning)
+
+    def its_check() -> SafetyCheck:
+        return _check(config) if check is None else check
+
     for spec in specs:
-        name, run, made, _ = spec
+        name, run = spec.name, spec.run
         if run is None:
-            drivers[name] = rule_driver(name, config) if made is None else made
+            drivers[name] = rule_driver(name, config) if spec.own is None else spec.own
             continue
-        if spec.is_external:
+        if spec.actor is not None:
+            drivers[name] = _actor_driver(name, spec.actor, config, its_check())
+            continue
+        if spec.learned is None:
             observed = len(observed_indicators(config.observation))
-            drivers[name] = LOADERS[run.suffix.lower()](run, observed, partial(_check, config))
+            drivers[name] = LOADERS[run.suffix.lower()](run, observed, its_check)
             continue
-        if name in actors:
-            drivers[name] = _actor_driver(name, actors[name], config)
-            continue
-        driver, own = learned[name]
+        driver, own = spec.learned
         if own.learning.permitted_only:
-            driver = driver.limited_to(considerate(_check(config), config.mobil))
+            driver = driver.limited_to(respects_mobil(its_check(), config.mobil))
         drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
         same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
         if own.observation != config.observation or not same_scale:
@@ -244,13 +276,15 @@ def make_drivers(specs: Sequence[DriverSpec], config: Config) -> dict[str, Drive
     return drivers
 
 
-def _actor_driver(name: str, file: Path, config: Config) -> Driver:
-    """Return the driver of a training at scale for an environment with this config.
+def _actor_driver(
+    name: str, actor: tuple[Layers, Config], config: Config, check: SafetyCheck
+) -> Driver:
+    """Return the driver of a training at scale for an environment with this config and check.
 
     Raises:
         RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
     """
-    layers, own = load_actor(file)
+    layers, own = actor
     seen = [(each.observation.range_m, each.ego.max_speed_m_s) for each in (own, config)]
     if seen[0] != seen[1]:
         raise RunError(
@@ -258,7 +292,7 @@ def _actor_driver(name: str, file: Path, config: Config) -> Driver:
             "would drive with here: leave these settings as they are."
         )
     scenario = load_scenario(find_scenario(config.simulation.scenario))
-    return MaskedPolicyDriver(layers, _check(config), scenario.road, config)
+    return MaskedPolicyDriver(layers, check, scenario.road, config)
 
 
 def _check(config: Config) -> SafetyCheck:

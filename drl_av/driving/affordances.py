@@ -7,14 +7,25 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled
 from drl_av.config import ObservationConfig
-from drl_av.road.road import NO_CHANGE, Barrier, FloatArray, MandatoryChange, Road
+from drl_av.road.road import (
+    LANE_CHANGE_S,
+    NO_CHANGE,
+    Barrier,
+    FloatArray,
+    MandatoryChange,
+    Road,
+    SpeedLimit,
+    allowed_speed,
+)
 from drl_av.road.road_numbers import (
     RoadNumbers,
+    allowed_speed_in,
     is_beside,
     is_open,
     lane_end_m,
     lane_of,
     mandatory_change,
+    may_cross,
     road_numbers,
 )
 from drl_av.road.snapshot import EGO, Snapshot
@@ -31,38 +42,24 @@ INDICATORS: tuple[str, ...] = (
 """Names of the 27 indicators, in the order of ``Affordances.vector()``.
 
 For each of the six slots, d_x is the net gap to the neighbour, d_y is its lateral position, and v_x
-and v_y are its velocities, all relative to the ego. ``indicator_meaning`` gives units and signs.
+and v_y are its velocities, all relative to the ego. Units are SI, left is positive.
 """
-WAY_INDICATORS = ("lane_end", "way_changes", "way_distance")
+ROUTE_INDICATORS = ("lane_end", "way_changes", "way_distance")
 """Names of the indicators that ``observation.way`` adds (ours).
 
 - lane_end: distance to the end of the ego's lane, divided by ``range_m``; 1 if no end is in range.
 - way_changes: number of lane changes that the ego must make to reach its exit or to leave a lane
   that ends, left positive, divided by the number of lanes minus 1.
-- way_distance: distance within which these lane changes must be complete, divided by ``WAY_M``;
+- way_distance: distance within which these lane changes must be complete, in ``ROUTE_SCALE_M``;
   at most 1, and 1 if no lane change is needed.
 """
-WAY_M = 1000.0
+ROUTE_SCALE_M = 1000.0
 """Distance, metres, at and above which ``way_distance`` is 1 (ours)."""
-_MEANINGS = {
-    "d_x": "net gap, bumper to bumper, m",
-    "v_x": "relative velocity, m/s; negative for a vehicle ahead that comes nearer",
-    "d_y": "relative lateral position, m; left positive",
-    "v_y": "relative lateral velocity, m/s; left positive",
-    "ego_v_x": "speed of the ego, m/s",
-    "ego_d_y": "lateral position of the ego from the centre of the rightmost lane, m",
-    "ego_v_y": "lateral velocity of the ego, m/s; left positive",
-}
-
-
-def indicator_meaning(name: str) -> str:
-    """Return what an indicator means, with its unit."""
-    return _MEANINGS[name if name in _MEANINGS else name[-3:]]
 
 
 def observed_indicators(config: ObservationConfig) -> tuple[str, ...]:
     """Return the names of the indicators in an observation with these settings, in its order."""
-    return INDICATORS + WAY_INDICATORS if config.way else INDICATORS
+    return INDICATORS + ROUTE_INDICATORS if config.way else INDICATORS
 
 
 SIDES = (0, -1, 1)
@@ -95,7 +92,8 @@ class Affordances(NamedTuple):
     left_rear: Neighbor | None
     right_lane: bool
     left_lane: bool
-    """Whether the lanes to the right and to the left exist and are open here."""
+    """Whether the lanes to the right and to the left exist, are open here, and may be entered: no
+    forbidden line lies between, neither here nor ahead, until the ego could have crossed it."""
     lane: int
     """Index of the lane that contains the ego's centre; 0 is the rightmost lane."""
     lane_center_m: float
@@ -113,6 +111,14 @@ class Affordances(NamedTuple):
     mandatory: MandatoryChange = NO_CHANGE
     """The lane changes that the ego must make to reach its exit or to leave a lane that ends. Their
     ``within_m`` is measured from the ego's front bumper."""
+    speed_limits: tuple[SpeedLimit, ...] = ()
+    """The speed limits of the ego's lane here and ahead, at their distances from its front bumper.
+    Empty if the road has one limit, which no setting may exceed."""
+
+    @property
+    def allowed_speed_m_s(self) -> float:
+        """The largest speed with which the ego keeps the limits here and ahead; inf without any."""
+        return allowed_speed(self.speed_limits)
 
     def front(self, sign: int) -> Neighbor | None:
         """Return the vehicle ahead in the ego's own (0), left (+1) or right (-1) lane, or None."""
@@ -158,10 +164,14 @@ class Affordances(NamedTuple):
         """Return the indicators as compiled functions take them."""
         rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
         lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
-        values = np.append(self.vector(), (self.mandatory.within_m, 0.0))
+        further = self.mandatory.within_m, self.allowed_speed_m_s, 0.0
+        values = np.append(self.vector(), further)
         barriers = np.array(self.barriers, dtype=np.float64).reshape(-1, 3)
+        limits = [(self.lane, *limit) for limit in self.speed_limits]
+        numbers = np.array(limits, dtype=np.float64).reshape(-1, 4)
         ground = float(self.circumference_m), float(self.lane_width_m), barriers
-        return Indicators(values, np.array([*rows, *lanes], np.int64), ground, self.range_m)
+        codes = np.array([*rows, *lanes], np.int64)
+        return Indicators(values, codes, ground, self.range_m, numbers)
 
 
 Ground = tuple[float, float, FloatArray]
@@ -173,21 +183,24 @@ class Indicators(NamedTuple):
     """The indicators as the function ``indicators`` writes them, in two arrays."""
 
     values: FloatArray
-    """Shape (29,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
-    ``WITHIN`` and ``FRONT``."""
+    """Shape (30,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
+    ``WITHIN``, ``ALLOWED`` and ``FRONT``."""
     codes: IntArray
     """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
     none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
     ground: Ground
     range_m: float
     """The largest gap that is observed."""
+    speed_limits: FloatArray
+    """``RoadNumbers.speed_limits``; positions are measured like ``FRONT``."""
 
 
-VALUES, CODES = 29, 10
+VALUES, CODES = 30, 10
 """Sizes of the two arrays that ``indicators`` fills."""
-WITHIN, FRONT = 27, 28
-"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``, and
-the position of the ego's front bumper, in the coordinates of the road's barriers."""
+WITHIN, ALLOWED, FRONT = 27, 28, 29
+"""Indices in the values, after the 27 indicators: the distance ``MandatoryChange.within_m``;
+``Affordances.allowed_speed_m_s``; and the position of the ego's front bumper, in the coordinates of
+the road's barriers and speed limits."""
 LANE, RIGHT_LANE, LEFT_LANE, CHANGES = 6, 7, 8, 9
 """Indices in the codes, after the neighbours' rows: the ego's lane, whether there is a lane to the
 right and to the left (1 or 0), and ``MandatoryChange.lanes``."""
@@ -207,27 +220,31 @@ def indicators(
     range_m: float,
     values: FloatArray,
     codes: IntArray,
+    viewer: int = EGO,
 ) -> None:
     """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
 
     The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
-    ``values``, shape (29,), and ``codes``, shape (10,), which ``Indicators`` describes.
+    ``values``, shape (30,), and ``codes``, shape (10,), which ``Indicators`` describes. They are
+    those of the ego, or of another vehicle in its place, whose row is ``viewer``.
     """
-    vehicles, lane = len(s_m), lane_of(y_m[EGO], road.lane_width_m)
+    vehicles, lane = len(s_m), lane_of(y_m[viewer], road.lane_width_m)
     own_m = lane * road.lane_width_m
     right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
     lap_m, half_lap_m = road.lap_m, road.lap_m / 2
-    ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
+    own_s_m, own_length_m, half_lane_m = s_m[viewer], length_m[viewer], road.lane_width_m / 2
     for slot in range(6):
         values[4 * slot] = np.inf
         codes[slot] = NOBODY
-    for row in range(1, vehicles):
-        ahead_m = (s_m[row] - ego_s_m + half_lap_m) % lap_m - half_lap_m
+    for row in range(vehicles):
+        if row == viewer:
+            continue
+        ahead_m = (s_m[row] - own_s_m + half_lap_m) % lap_m - half_lap_m
         behind = 0
         if ahead_m < 0.0:
             ahead_m, behind = -ahead_m, 1
         gap_m, reach_m = (
-            ahead_m - (length_m[row] + ego_length_m) / 2,
+            ahead_m - (length_m[row] + own_length_m) / 2,
             width_m[row] / 2 + half_lane_m,
         )
         across_m = y_m[row]
@@ -237,53 +254,64 @@ def indicators(
             values[4 * (2 + behind)], codes[2 + behind] = gap_m, row
         if gap_m < values[4 * (4 + behind)] and -reach_m < across_m - left_m < reach_m:
             values[4 * (4 + behind)], codes[4 + behind] = gap_m, row
-    front_m = ego_s_m + ego_length_m / 2
+    front_m = own_s_m + own_length_m / 2
     codes[LANE], codes[CHANGES], values[WITHIN], values[FRONT] = lane, 0, np.inf, front_m
     codes[RIGHT_LANE], codes[LEFT_LANE] = is_open(lane - 1, road), is_open(lane + 1, road)
     if len(road.partial_lanes) > 0:
         for side in (-1, 1):  # the front must not have passed the end of the lane
-            beside = is_beside(lane, lane + side, ego_s_m, road)
+            beside = is_beside(lane, lane + side, own_s_m, road)
             beside = beside and is_beside(lane, lane + side, front_m, road)
             codes[RIGHT_LANE if side < 0 else LEFT_LANE] = beside
         for slot, sign in ((0, 0), (2, -1), (4, 1)):
-            gap_m = lane_end_m(lane + sign, ego_s_m, road) - front_m
+            gap_m = lane_end_m(lane + sign, own_s_m, road) - front_m
             if gap_m < values[4 * slot] and has_lane(codes, sign):
                 values[4 * slot], codes[slot] = gap_m, vehicles
         codes[CHANGES], values[WITHIN] = mandatory_change(lane, front_m, road)
+    values[ALLOWED] = allowed_speed_in(road.speed_limits, lane, front_m, 0.0)
+    if len(road.forbidden_lines) > 0:
+        for side in (-1, 1):
+            share = 1 - side * (y_m[viewer] - own_m) / road.lane_width_m
+            to_m = front_m + speed_m_s[viewer] * share * LANE_CHANGE_S
+            if not may_cross(lane, side, own_s_m, to_m, road):
+                codes[RIGHT_LANE if side < 0 else LEFT_LANE] = 0
+    values[24], values[25] = speed_m_s[viewer], y_m[viewer]
+    values[26] = lateral_speed_m_s[viewer]
     for slot in range(6):
-        _complete(slot, s_m, y_m, speed_m_s, lateral_speed_m_s, road, range_m, values, codes)
-    values[24], values[25], values[26] = speed_m_s[EGO], y_m[EGO], lateral_speed_m_s[EGO]
+        complete(slot, y_m, speed_m_s, lateral_speed_m_s, road.lane_width_m, range_m, values, codes)
 
 
-@compiled
-def _complete(
+def complete(
     slot: int,
-    s_m: FloatArray,
     y_m: FloatArray,
     speed_m_s: FloatArray,
     lateral_speed_m_s: FloatArray,
-    road: RoadNumbers,
+    lane_width_m: float,
     range_m: float,
     values: FloatArray,
     codes: IntArray,
 ) -> None:
     """Fill in the four indicators of a slot whose gap and row are known."""
     at, row, sign = 4 * slot, codes[slot], SIDES[slot // 2]
-    center_m = (codes[LANE] + sign) * road.lane_width_m
     if values[at] > range_m or row == NOBODY:
         codes[slot] = NOBODY
-        center_m = codes[LANE] * road.lane_width_m + sign * road.lane_width_m
+        center_m = codes[LANE] * lane_width_m + sign * lane_width_m
         values[at] = range_m if has_lane(codes, sign) else 0.0
-        values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - y_m[EGO], 0.0
+        values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - values[25], 0.0
         return
     values[at] = values[at] if values[at] > 0.0 else 0.0
-    if row == len(s_m):
-        values[at + 1], values[at + 2] = 0.0 - speed_m_s[EGO], center_m - y_m[EGO]
-        values[at + 3] = 0.0 - lateral_speed_m_s[EGO]
+    if row == len(y_m):  # the end of a lane
+        center_m = (codes[LANE] + sign) * lane_width_m
+        values[at + 1], values[at + 2] = 0.0 - values[24], center_m - values[25]
+        values[at + 3] = 0.0 - values[26]
         return
-    values[at + 1] = speed_m_s[row] - speed_m_s[EGO]
-    values[at + 2] = y_m[row] - y_m[EGO]
-    values[at + 3] = lateral_speed_m_s[row] - lateral_speed_m_s[EGO]
+    values[at + 1] = speed_m_s[row] - values[24]
+    values[at + 2] = y_m[row] - values[25]
+    values[at + 3] = lateral_speed_m_s[row] - values[26]
+
+
+def gap_in(values: FloatArray, codes: IntArray, slot: int) -> float:
+    """Return the gap to the neighbour in a slot, metres; inf if there is none."""
+    return np.inf if codes[slot] == NOBODY else values[4 * slot]
 
 
 def slot_of(sign: int) -> int:
@@ -309,8 +337,9 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     """
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     numbers = road_numbers(road)
-    indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes)
-    return affordances_of(Indicators(values, codes, ground_of(numbers), range_m), road)
+    indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes, EGO)
+    ground, limits = ground_of(numbers), numbers.speed_limits
+    return affordances_of(Indicators(values, codes, ground, range_m, limits), road)
 
 
 def ground_of(road: RoadNumbers) -> Ground:
@@ -320,7 +349,7 @@ def ground_of(road: RoadNumbers) -> Ground:
 
 def affordances_of(indicators: Indicators, road: Road) -> Affordances:
     """Return the indicators by name from the arrays that ``indicators`` has filled."""
-    values, codes, (circumference_m, lane_width_m, _), range_m = indicators
+    values, codes, (circumference_m, lane_width_m, _), range_m, _ = indicators
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
@@ -346,6 +375,18 @@ def affordances_of(indicators: Indicators, road: Road) -> Affordances:
         circumference_m=circumference_m,
         barriers=_ahead(road, number[FRONT]) if partial else (),
         mandatory=MandatoryChange(code[CHANGES], number[WITHIN]) if partial else NO_CHANGE,
+        speed_limits=_limits_ahead(road, lane, number[FRONT]) if road.speed_limits else (),
+    )
+
+
+def _limits_ahead(road: Road, lane: int, front_m: float) -> tuple[SpeedLimit, ...]:
+    """Return a lane's speed limits here and ahead, at their distances from the ego's front."""
+    if not 0 <= lane < len(road.speed_limits):
+        return ()
+    return tuple(
+        SpeedLimit(begin_m - front_m, end_m - front_m, limit_m_s)
+        for begin_m, end_m, limit_m_s in road.speed_limits[lane]
+        if end_m > front_m
     )
 
 
@@ -353,43 +394,3 @@ def _ahead(road: Road, front_m: float) -> tuple[Barrier, ...]:
     """Return the barriers ahead; their ``s_m`` is the distance from the ego's front bumper."""
     gaps = (barrier._replace(s_m=barrier.s_m - front_m) for barrier in road.barriers)
     return tuple(gap for gap in gaps if gap.s_m >= 0.0)
-
-
-class ObservationScale:
-    """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).
-
-    First, half of the top speed is subtracted from the ego's speed, and the middle of the road from
-    the ego's lateral position. Then each indicator is divided by a constant of the config, and
-    clipped to [-bounds, bounds].
-    """
-
-    def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:
-        vehicle = (
-            config.gap_scale_m,
-            config.speed_scale_m_s,
-            config.lateral_scale_m,
-            config.lateral_speed_scale_m_s,
-        )
-        self.road, self.range_m, self.max_speed_m_s = road, config.range_m, max_speed_m_s
-        self.lanes = len(road.open_lanes)
-        """Number of lanes of the road."""
-        middle_m = road.lane_width_m * (self.lanes - 1) / 2
-        half_speed = max_speed_m_s / 2
-        self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])
-        self.scale = np.array(
-            [*vehicle * 6, half_speed, config.lateral_scale_m, config.lateral_speed_scale_m_s]
-        )
-        widest_m = road.lane_width_m * (self.lanes + 1)
-        limits = (config.range_m, 60.0, widest_m, 4.0)
-        half_road_m = road.lane_width_m * self.lanes / 2
-        ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
-        self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
-        """Largest absolute value of each scaled indicator, shape (27,)."""
-        self._least = -self.bounds
-
-    def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
-        """Scale indicators in SI units, shape (..., 27); return float32 of the same shape."""
-        scaled = ((vector - self.offset) / self.scale).astype(np.float32)
-        # np.minimum uses AVX-512, after which SUMO's next step takes 15 % longer
-        clipped: npt.NDArray[np.float32] = scaled.clip(self._least, self.bounds)
-        return clipped

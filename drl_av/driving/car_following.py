@@ -16,6 +16,7 @@ from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, Longitudinal, acceleration_of
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.road.road import FloatArray
+from drl_av.road.road_numbers import allowed_speed_in
 
 Number = TypeVar("Number", float, FloatArray)
 
@@ -29,12 +30,24 @@ class Idm(NamedTuple):
     comfortable_braking_m_s2: float
 
 
+class MobilNumbers(NamedTuple):
+    """The settings of the section ``mobil``, for compiled functions."""
+
+    politeness: float
+    threshold_m_s2: float
+    safe_braking_m_s2: float
+    headway_s: float
+    standstill_gap_m: float
+    acceleration_m_s2: float
+    comfortable_braking_m_s2: float
+
+
 def idm_acceleration(
     speed_m_s: float,
     desired_m_s: float,
     gap_m: float,
     closing_m_s: float,
-    config: Idm | MobilConfig,
+    config: Idm | MobilConfig | MobilNumbers,
 ) -> float:
     """Return the acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
 
@@ -53,7 +66,7 @@ def idm_acceleration(
 
 
 def acceleration_behind_ego(
-    affordances: Affordances, rear: Neighbor, config: Idm | MobilConfig
+    affordances: Affordances, rear: Neighbor, config: Idm | MobilConfig | MobilNumbers
 ) -> float:
     """Return the IDM acceleration of ``rear`` behind the ego, m/s^2; its desired speed is inf."""
     speed_m_s = affordances.ego_speed_m_s + rear.relative_speed_m_s
@@ -102,7 +115,8 @@ def reference_speeds(
 
     A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
     ahead keeps its speed. This acceleration is limited to the range of the ego's actions. The ego
-    is never faster than it would be with the constant acceleration of the same action.
+    is never faster than it would be with the constant acceleration of the same action. On a road
+    whose speed limit varies it keeps the limits here and ahead, as far as hard braking permits.
     """
     speed, front = affordances.ego_speed_m_s, affordances.own_front
     gap_m, front_m_s = (
@@ -110,7 +124,29 @@ def reference_speeds(
     )
     speeds = [0.0] * simulation.steps_per_decision
     set_speeds(speeds, speed, gap_m, front_m_s, action, ego, simulation.step_length_s)
+    limits = affordances.arrays().speed_limits
+    keep_limits(speeds, speed, limits, affordances.lane, 0.0, ego, simulation.step_length_s)
     return speeds
+
+
+def keep_limits(
+    speeds: Any,
+    speed_m_s: float,
+    limits: FloatArray,
+    lane: int,
+    front_m: float,
+    ego: EgoConfig | EgoNumbers,
+    step_s: float,
+) -> None:
+    """Reduce ``speeds`` to what the speed limits of a lane allow, as far as hard braking permits.
+
+    ``limits`` are ``RoadNumbers.speed_limits``, and the ego's front is at ``front_m``.
+    """
+    for step in range(len(speeds) if len(limits) > 0 else 0):
+        allowed = allowed_speed_in(limits, lane, front_m, step_s)
+        speed_m_s = min(speeds[step], max(allowed, speed_m_s - ego.hard_brake_m_s2 * step_s, 0.0))
+        front_m += speed_m_s * step_s
+        speeds[step] = speed_m_s
 
 
 def set_speeds(

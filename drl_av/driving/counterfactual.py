@@ -12,7 +12,7 @@ from drl_av.driving.actions import Action
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import Scene
-from drl_av.road.road import Road
+from drl_av.road.road import Road, SpeedLimit
 
 
 class Motion(NamedTuple):
@@ -90,4 +90,8 @@ def affordances_after(
         ego_lateral_speed_m_s=affordances.ego_lateral_speed_m_s + leftwards_m_s,
         barriers=tuple(gap._replace(s_m=gap.s_m - further_m) for gap in affordances.barriers),
         mandatory=mandatory._replace(within_m=mandatory.within_m - further_m),
+        speed_limits=tuple(
+            SpeedLimit(begin_m - further_m, end_m - further_m, limit_m_s)
+            for begin_m, end_m, limit_m_s in affordances.speed_limits
+        ),
     )

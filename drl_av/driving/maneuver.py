@@ -8,8 +8,8 @@ import numpy as np
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral, ego_numbers
-from drl_av.driving.affordances import LANE, NOBODY, IntArray
-from drl_av.driving.car_following import set_speeds
+from drl_av.driving.affordances import FRONT, LANE, NOBODY, IntArray
+from drl_av.driving.car_following import keep_limits, set_speeds
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.steering import Pose, settled, steer
 from drl_av.road.road import FloatArray
@@ -63,11 +63,12 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
 
 def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
     """Return ``plan`` with the settings as numbers."""
-    values, codes, ground, _ = scene.indicators
+    values, codes, ground, _, limits = scene.indicators
     change, steps = scene.lane_change, np.empty((3, ego.steps_per_decision))
-    heading_rad = 0.0 if change is None else change.heading_rad
+    heading_rad = 0.0 if change is None else float(change.heading_rad)
     now = values, codes, action.number, *scene.lanes, heading_rad
-    origin, target, heading_rad = plan_rows.fast(*now, ground[1], ego, steps)
+    road = ground[1], limits, float(values[FRONT])
+    origin, target, heading_rad = plan_rows.fast(*now, *road, ego, steps)
     after = None if origin == target else LaneChange(origin, target, heading_rad)
     return Plan([*map(Command, *steps.tolist())], after)
 
@@ -163,6 +164,8 @@ def plan_into(
     target: int,
     heading_rad: float,
     lane_width_m: float,
+    limits: FloatArray,
+    front_m: float,
     ego: EgoNumbers,
     speed_m_s: FloatArray,
     y_m: FloatArray,
@@ -171,7 +174,8 @@ def plan_into(
     """Compute the plan of a decision, as ``plan``, from the arrays of ``indicators``.
 
     ``action`` is a number from 0 to 11; ``origin`` and ``target`` are the lanes of the lane change
-    in progress, equal if there is none. The function fills the last three arrays, shape (steps,):
+    in progress, equal if there is none. ``limits`` are ``RoadNumbers.speed_limits``, with the ego's
+    front at ``front_m``. The function fills the last three arrays, shape (steps,):
     the ego's speed, lateral position and lateral speed at the end of each SUMO step.
 
     Returns:
@@ -180,6 +184,7 @@ def plan_into(
     speed, ahead = values[24], codes[0] != NOBODY
     gap_m, front_m_s = (values[0], speed + values[1]) if ahead else (np.inf, speed)
     set_speeds(speed_m_s, speed, gap_m, front_m_s, action % 4, ego, ego.step_length_s)
+    keep_limits(speed_m_s, speed, limits, codes[LANE], front_m, ego, ego.step_length_s)
     origin, target = next_change(origin, target, codes[LANE], SIGNS[action // 4])
     y_m[:], lateral_speed_m_s[:] = values[25], 0.0
     if origin == target:
@@ -207,13 +212,15 @@ def plan_rows(
     target: int,
     heading_rad: float,
     lane_width_m: float,
+    limits: FloatArray,
+    front_m: float,
     ego: EgoNumbers,
     steps: FloatArray,
 ) -> tuple[int, int, float]:
     """Call ``plan_into`` with the three rows of ``steps``, shape (3, steps)."""
-    change = origin, target, heading_rad
+    change, road = (origin, target, heading_rad), (lane_width_m, limits, front_m)
     after: tuple[int, int, float] = plan_into(
-        values, codes, action, *change, lane_width_m, ego, *rows_of(steps)
+        values, codes, action, *change, *road, ego, *rows_of(steps)
     )
     return after
 

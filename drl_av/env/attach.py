@@ -9,8 +9,9 @@ from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
-from drl_av.driving.affordances import ObservationScale, compute_affordances
+from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.maneuver import plan
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.observation import default_groups, observation_function
 from drl_av.errors import ConfigError

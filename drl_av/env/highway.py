@@ -14,13 +14,19 @@ from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
-from drl_av.driving.affordances import ObservationScale
 from drl_av.driving.infer_action import infer_action
 from drl_av.driving.maneuver import plan_with
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.docstring import DOCSTRING
-from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
-from drl_av.env.kinds import drawn_traffic, traffic_setups
+from drl_av.env.episode_start import (
+    drawn_traffic,
+    most_decisions,
+    number_of_vehicles,
+    reset_options,
+    traffic_seed,
+    traffic_setups,
+)
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
@@ -54,8 +60,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         reward: RewardFunction | None = None,
         observation: str | Iterable[str] | ObservationFunction | None = None,
     ) -> None:
-        given = scenario, safety_check, config, render_mode, action_mask, reward, observation
-        gymnasium.utils.EzPickle.__init__(self, *given)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
@@ -73,19 +77,23 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             require_function(safety_check, "safety_check", "scene", "proposed")
         elif safety_check is not None:
             config = config.updated("safety", check=safety_check)
+        config = with_scenario(config)  # a copy may be made in another working directory
+        given = None, safety_check, config, render_mode, action_mask, reward, observation
+        gymnasium.utils.EzPickle.__init__(self, *given)
         self.config = config
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
+        self._most_decisions = most_decisions(config, loaded.layout)
         self.safety_check: SafetyCheck
         if callable(safety_check):
             self.safety_check = safety_check
             self._check_name = getattr(safety_check, "__name__", "custom")
-        else:  # equal for each kind, but each may break an assumption
-            each_kind = config.of_each_kind
-            self.safety_check, *_ = (named_check(each, types, self.road) for each in each_kind)
+        else:  # equal for each, but each may break an assumption
+            presets = config.per_traffic_preset
+            self.safety_check, *_ = (named_check(each, types, self.road) for each in presets)
             self._check_name = config.safety.check
-        self._kinds = traffic_setups(config, loaded, gui=render_mode == "human")
-        self.simulation, self.traffic_drivers = self._kinds[0]
+        self._setups = traffic_setups(config, loaded, gui=render_mode == "human")
+        self.simulation, self.traffic_drivers = self._setups[0]
         if reward is not None:
             require_function(reward, "reward", "transition")
         self._own_reward = reward
@@ -112,7 +120,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        most = self.config.simulation.decisions_per_episode
+        most = self._most_decisions
         self._spec = None if spec is None else replace(spec, max_episode_steps=most)
 
     @property
@@ -120,15 +128,26 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """Name of the safety check; ``none`` while SUMO drives the ego, as none applies then."""
         return self._check_name if self.ego_model is None else "none"
 
-    def require_room(self) -> None:
-        """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the road."""
-        most = min(simulation.fleet.capacity for simulation, _ in self._kinds)
-        if (
-            self.config.traffic.vehicles_max > most
-            and self.simulation.fleet.default_vehicle_count is None
-        ):
+    def require_room(self, vehicles: int | None = None) -> None:
+        """Raise an error unless the vehicles fit on the road; do not call it within an episode.
+
+        ``vehicles`` is the number of other vehicles; None stands for ``traffic.vehicles_max``.
+
+        Raises:
+            ConfigError: ``traffic.vehicles_max`` vehicles do not fit, or the scenario places
+                another number.
+            ScenarioError: ``vehicles`` vehicles do not fit.
+        """
+        traffic, fleets = self.config.traffic, [each.simulation.fleet for each in self._setups]
+        if vehicles is not None:
+            number_of_vehicles({"vehicles": vehicles}, 0, traffic, fleets[0].placed)
+            for fleet in fleets:
+                fleet.draw(0, vehicles)
+            return
+        most = min(fleet.capacity for fleet in fleets)
+        if traffic.vehicles_max > most and fleets[0].default_vehicle_count is None:
             raise ConfigError(
-                f"traffic.vehicles_max is {self.config.traffic.vehicles_max}, but this road takes "
+                f"traffic.vehicles_max is {traffic.vehicles_max}, but this road takes "
                 f"{pluralize(most, 'vehicle')} besides the ego: ask for fewer or make the loop "
                 "longer."
             )
@@ -155,7 +174,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         given = reset_options(options)
         self.seed = traffic_seed(seed, given, self.np_random)
         self.simulation, self.traffic_drivers = drawn_traffic(
-            self._kinds, self.seed, self.simulation
+            self._setups, self.seed, self.simulation
         )
         fleet, traffic = self.simulation.fleet, self.config.traffic
         if "vehicles" not in given:
@@ -173,7 +192,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._route = RouteOutcome(self.road, self.scene)
         info = self._info(self._route.outcome(self.scene, over=False))
         info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
-        self._renderer.reset(snapshot, self.seed)
+        if self._renderer is not None:
+            self._renderer.reset(snapshot, self.seed)
         self._over = False
         return self.observation, info
 
@@ -236,7 +256,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         terms = self._observe(snapshot, lane_change)
         terminated = collision is not None
         at_the_end = not self.road.is_loop and bool(self.road.end_m <= snapshot.s_m[EGO])
-        truncated = self.decisions >= config.simulation.decisions_per_episode or at_the_end
+        truncated = self.decisions >= self._most_decisions or at_the_end
         over = terminated or truncated
         self.transition = Transition(
             scene,
@@ -258,7 +278,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             reward = custom_reward(self._own_reward, self.transition)
             self.transition = self.transition._replace(reward=reward)
         self._over = over
-        self._renderer.step(self.transition)
+        if self._renderer is not None:
+            self._renderer.step(self.transition)
         return self.transition
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -266,7 +287,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
         The result is None without a render mode, and in the mode ``human`` (sumo-gui).
         """
-        return self._renderer.render()
+        return None if self._renderer is None else self._renderer.render()
 
     def action_masks(self) -> ActionMask:
         """Return the action mask of the present scene, shape (12,), int8, for sb3-contrib.

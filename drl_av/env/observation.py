@@ -13,26 +13,23 @@ import numpy.typing as npt
 from drl_av.config import ObservationConfig
 from drl_av.config.functions import require_function
 from drl_av.config.schema import did_you_mean
-from drl_av.driving.affordances import (
-    INDICATORS,
-    SLOTS,
-    WAY_INDICATORS,
-    WAY_M,
-    ObservationScale,
-)
+from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS, ROUTE_SCALE_M, SLOTS
 from drl_av.driving.mirror import Mirror, mirror_of
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import MOST, WIDE_NAMES, WIDE_SIZE, observe_wide
 from drl_av.errors import ConfigError
 
-FURTHER = ("right_lane", "left_lane", "lane_change", *WAY_INDICATORS)
+FURTHER = ("right_lane", "left_lane", "lane_change", *ROUTE_INDICATORS, "allowed_speed")
 """Indicators that the paper does not have. ``right_lane`` and ``left_lane`` are 1 if that lane
-exists and is open, and otherwise 0. ``lane_change`` is the lane change in progress: +1 left, -1
-right, 0 none. ``WAY_INDICATORS`` describes the others."""
+exists and may be entered, and otherwise 0. ``lane_change`` is the lane change in progress: +1 left,
+-1 right, 0 none. ``ROUTE_INDICATORS`` describes the next three. ``allowed_speed`` is the speed that
+the speed limits here and ahead allow, divided by the ego's largest speed, at most 1."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {slot: tuple(name for name in INDICATORS if name.startswith(slot)) for slot in SLOTS}
     | {"ego": INDICATORS[-3:], "lanes": FURTHER[:2], "lane_change": FURTHER[2:3]}
-    | {"lane_end": FURTHER[3:4], "way": FURTHER[4:]}
+    | {"lane_end": FURTHER[3:4], "way": FURTHER[4:6]}
+    | {"speed_limit": FURTHER[6:]}
 )
 """The names of the indicators in each group; the first seven groups are those of the paper."""
 
@@ -79,7 +76,8 @@ class GroupObservation:
             *(affordances.right_lane, affordances.left_lane, change.sign if change else 0),
             affordances.lane_end_gap_m / affordances.range_m,
             affordances.mandatory.lanes / max(self._scale.lanes - 1, 1),
-            min(affordances.mandatory.within_m / WAY_M, 1.0),
+            min(affordances.mandatory.within_m / ROUTE_SCALE_M, 1.0),
+            min(affordances.allowed_speed_m_s / self._scale.max_speed_m_s, 1.0),
         )
         scaled = np.append(self._scale(affordances.vector()), np.array(further, np.float32))
         selected: npt.NDArray[np.float32] = scaled[self._places]

@@ -32,7 +32,7 @@ def next_caption(caption: Caption, decision: Transition) -> Caption:
 
 
 class Renderer:
-    """The renderer of render mode None, which shows nothing; the base class of the others."""
+    """What the renderers have in common; in render mode None there is none."""
 
     def reset(self, snapshot: Snapshot, seed: int) -> None:
         """Begin an episode with its first snapshot and the seed of its traffic."""
@@ -96,11 +96,11 @@ class GuiRenderer(Renderer):
 
 def renderer_of(
     render_mode: str | None, road: Road, show: Callable[[str, Mapping[str, Color]], None]
-) -> Renderer:
+) -> Renderer | None:
     """Return the renderer of a render mode; ``show`` is the argument of ``GuiRenderer``."""
     if render_mode == "rgb_array":
         return PictureRenderer(road)
-    return Renderer() if render_mode is None else GuiRenderer(show)
+    return None if render_mode is None else GuiRenderer(show)
 
 
 def vehicle_colors(snapshot: Snapshot) -> dict[str, Color]:

@@ -8,6 +8,7 @@ import numpy as np
 from drl_av.compiled import compiled, numbers, squared
 from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
 from drl_av.driving.affordances import (
+    ALLOWED,
     CHANGES,
     LANE,
     NOBODY,
@@ -149,7 +150,7 @@ def desired_values(
 ) -> tuple[float, float]:
     """Return the fields of ``desired`` from the arrays that ``indicators`` has filled."""
     if config.desired_is_fixed:
-        return config.desired_speed_m_s, config.desired_lateral_m
+        return min(config.desired_speed_m_s, values[ALLOWED]), config.desired_lateral_m
     changes = codes[CHANGES]
     lanes = due_changes(changes, values[WITHIN])
     next_lane = np.sign(changes) if lanes != 0 and has_lane(codes, np.sign(changes)) else 0
@@ -171,13 +172,15 @@ def lane_speed(
 ) -> float:
     """Return the ``attainable_speed`` of the own (0), left (+1) or right (-1) lane, m/s.
 
-    It is ``desired_speed_m_s`` if the lane is free.
+    It is ``desired_speed_m_s`` if the lane is free, and at most what the speed limits allow.
     """
     slot = slot_of(sign)
+    most_m_s: float = min(config.desired_speed_m_s, values[ALLOWED])
     if codes[slot] == NOBODY:
-        return config.desired_speed_m_s
+        return most_m_s
     leader_m_s = values[24] + values[4 * slot + 1]
-    return attainable_speed(values[4 * slot], leader_m_s, config, safety.minimum_gap_m)
+    speed_m_s = attainable_speed(values[4 * slot], leader_m_s, config, safety.minimum_gap_m)
+    return min(speed_m_s, most_m_s)
 
 
 def best_speed(

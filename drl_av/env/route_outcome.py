@@ -1,4 +1,4 @@
-"""The outcome of the ego's way in an episode: whether it takes its exit, or merges."""
+"""The outcome of the ego's route in an episode: whether it takes its exit, or merges."""
 
 import math
 
@@ -9,14 +9,14 @@ from drl_av.road.snapshot import EGO
 EXIT_TAKEN, EXIT_MISSED = "exit taken", "exit missed"
 MERGED, NOT_MERGED = "merged", "not merged"
 COMPLETE = (EXIT_TAKEN, MERGED)
-"""The outcomes of a way that the ego has completed."""
+"""The outcomes of a route that the ego has completed."""
 
 
 class RouteOutcome:
-    """The way of the ego in one episode.
+    """The outcome of the ego's route in one episode.
 
-    The way leads to the ego's exit. On a road without an exit, it leads out of the lane in which
-    the ego starts, if that lane ends. Otherwise the ego has no way, and the outcome is always "".
+    The route leads to the ego's exit. On a road without an exit, it leads out of the lane in which
+    the ego starts, if that lane ends. Otherwise the ego has no route, and the outcome is always "".
     """
 
     def __init__(self, road: Road, start: Scene) -> None:
@@ -27,7 +27,7 @@ class RouteOutcome:
         self._outcome = ""
 
     def outcome(self, scene: Scene, over: bool) -> str:
-        """Return the outcome of the way after a decision, or "" while it is not decided.
+        """Return the outcome of the route after a decision, or "" while it is not decided.
 
         The outcome is "exit taken" or "exit missed" on a road with an exit, otherwise "merged" or
         "not merged". It stays the same once it is decided. ``over`` says whether the episode ends

@@ -5,15 +5,8 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
-from drl_av.driving.affordances import (
-    CODES,
-    VALUES,
-    Indicators,
-    IntArray,
-    ObservationScale,
-    ground_of,
-    indicators,
-)
+from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, ground_of, indicators
+from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import RewardNumbers, Rewards, reward_numbers, reward_terms
 from drl_av.road.road import FloatArray, Road
@@ -37,14 +30,11 @@ class SceneValues:
     def __call__(
         self, snapshot: Snapshot, lane_change: LaneChange | None
     ) -> tuple[Scene, Observation, Rewards]:
-        """Return the scene, the scaled 27 indicators, and the reward terms of the scene.
-
-        The arrays of the snapshot must be contiguous, as the simulation makes them.
-        """
+        """Return the scene, the scaled 27 indicators, and the reward terms of the scene."""
         values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
         observation = np.empty(27, np.float32)
         terms = compute_values.fast(
-            *snapshot[2:8],
+            *snapshot.arrays,
             self._numbers,
             self._range_m,
             *self._scale,
@@ -53,7 +43,8 @@ class SceneValues:
             codes,
             observation,
         )
-        found = Indicators(values, codes, self._ground, self._range_m)
+        limits = self._numbers.speed_limits
+        found = Indicators(values, codes, self._ground, self._range_m, limits)
         scene = Scene.of(snapshot, found, lane_change, self._road)
         return scene, observation, Rewards(*terms)
 
@@ -98,17 +89,3 @@ def compute_values(
         values, codes, road.lane_width_m, reward, safety
     )
     return terms
-
-
-@compiled
-def scale_into(
-    values: FloatArray,
-    offset: FloatArray,
-    scale: FloatArray,
-    bounds: Observation,
-    observation: Observation,
-) -> None:
-    """Scale the 27 indicators like ``ObservationScale``, into ``observation``, shape (27,)."""
-    for row in range(len(observation)):
-        scaled = np.float32((values[row] - offset[row]) / scale[row])
-        observation[row] = min(max(scaled, -bounds[row]), bounds[row])

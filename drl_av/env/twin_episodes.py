@@ -155,6 +155,8 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
         lanes[1],
         episodes.heading_rad[w],
         loop.lane_m,
+        task.road.speed_limits,
+        episodes.values[w, FRONT],
         task.ego,
         plan[0],
         plan[1],

@@ -16,9 +16,10 @@ from drl_av.compiled import numbers
 from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, ego_numbers
-from drl_av.driving.affordances import Indicators, ObservationScale, ground_of
+from drl_av.driving.affordances import Indicators, ground_of
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.episode import number_of_vehicles, reset_options, traffic_seed
+from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.reward import reward_numbers
 from drl_av.env.twin_episodes import (
     PAPER,
@@ -238,6 +239,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             episodes.codes[row].copy(),
             ground_of(task.road),
             task.range_m,
+            task.road.speed_limits,
         )
         origin, target = episodes.lanes[row].tolist()
         change = LaneChange(origin, target, float(episodes.heading_rad[row]))

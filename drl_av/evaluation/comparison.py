@@ -8,7 +8,7 @@ from itertools import product
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, make_drivers
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
@@ -57,20 +57,18 @@ class Evaluation:
         make_metrics: MakeMetrics = EpisodeMetrics,
     ) -> None:
         self._make_metrics = make_metrics
-        self._config, self._specs = config, tuple(specs)
+        self._config, self._specs, self._seeds = config, tuple(specs), seeds
         if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
-        make_drivers(specs, config)
-        with closing(HighwayEnv(config=config)) as env:
-            implied = env.simulation.fleet.default_vehicle_count
-            default = DENSITIES if implied is None else (implied,)
-            self._vehicles = tuple(dict.fromkeys(vehicles)) or default
-            for number in {min(self._vehicles), max(self._vehicles)}:
-                env.reset(seed=0, options={"vehicles": number})
-        self._seeds = seeds
+        self._env, self._drivers = _equipment(config, self._specs)
+        implied = self._env.simulation.fleet.default_vehicle_count
+        default = DENSITIES if implied is None else (implied,)
+        self._vehicles = tuple(dict.fromkeys(vehicles)) or default
+        for number in self._vehicles:
+            self._env.require_room(number)
 
     def __len__(self) -> int:
         return len(self._specs) * len(self._vehicles) * len(self._seeds)
@@ -86,9 +84,9 @@ class Evaluation:
         if jobs > 1:
             yield from self._rows_of_processes(min(jobs, len(self)))
             return
-        with closing(HighwayEnv(config=self._config)) as env:
-            drivers = make_drivers(self._specs, self._config)
-            yield from drive_all(env, drivers, self._vehicles, self._seeds, self._make_metrics)
+        with closing(self._env) as env:
+            drives = self._drivers, self._vehicles, self._seeds, self._make_metrics
+            yield from drive_all(env, *drives)
 
     def _rows_of_processes(self, jobs: int) -> Iterator[EpisodeResult]:
         names = [spec.name for spec in self._specs]
@@ -110,12 +108,16 @@ class Evaluation:
                 ) from error
 
 
-@cache
-def _equipped(
+def _equipment(
     config: Config, specs: tuple[DriverSpec, ...]
 ) -> tuple[HighwayEnv, dict[str, Driver]]:
-    """Make the environment and the drivers of a worker process; cached for its next episodes."""
-    return HighwayEnv(config=config), make_drivers(specs, config)
+    """Make the environment, which starts SUMO at its first reset, and the drivers."""
+    env = HighwayEnv(config=config)
+    return env, make_drivers(specs, config, env.safety_check)
+
+
+_cached_equipment = cache(_equipment)
+"""For the episodes of a worker process."""
 
 
 def _drive(
@@ -126,5 +128,5 @@ def _drive(
     seed: int,
     name: str,
 ) -> EpisodeResult:
-    env, drivers = _equipped(config, specs)
+    env, drivers = _cached_equipment(config, specs)
     return drive(env, drivers[name], name, seed, vehicles, make_metrics)

@@ -14,8 +14,8 @@ from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.evaluation.comparison import Evaluation
+from drl_av.evaluation.criterion import CriterionResult, judge
 from drl_av.evaluation.criticality import CriticalityMetrics
-from drl_av.evaluation.judgement import CriterionResult, judge
 from drl_av.scenarios.folder import with_scenario
 
 Word = str | Path

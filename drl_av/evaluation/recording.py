@@ -11,7 +11,7 @@ from zipfile import is_zipfile
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml
+from drl_av.config import Config, from_toml
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.transition import Transition
@@ -89,7 +89,7 @@ def load_recording(path: Path) -> Recording:
             parts = dict(data)
         expected = str(parts.pop("sha256"))
         recording = Recording(
-            from_toml(str(parts["config"]), OLD_DEFAULTS, "its config"),
+            from_toml(str(parts["config"]), name="its config"),
             str(parts["driver"]),
             int(parts["seed"]),
             int(parts["vehicles"]),

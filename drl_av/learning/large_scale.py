@@ -8,9 +8,9 @@ from torch import nn
 from drl_av.config import Config
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.masked_policy import KIND
+from drl_av.drivers.policy_file import save
 from drl_av.errors import RunError
 from drl_av.files import append_rows, table_bytes
-from drl_av.learning.checkpoint import save
 from drl_av.learning.ppo import Ppo, Progress
 from drl_av.learning.twin_worlds import TwinWorlds
 

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from drl_av.drivers.network import LEAK, Float32Array, Layers, QNetwork, forward
 from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError, DrlAvError
-from drl_av.learning.buffers import Batch
+from drl_av.learning.replay import Batch
 
 try:
     import torch

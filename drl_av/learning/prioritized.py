@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError
-from drl_av.learning.buffers import Batch, UniformBuffer, batch_of
+from drl_av.learning.replay import Batch, UniformBuffer, batch_of
 
 Numbers = NDArray[np.float64]
 Slots = NDArray[np.int64]
@@ -113,9 +113,9 @@ class PrioritizedBuffer(UniformBuffer):
             raise ValueError("There are no rows to sample.")
         fractions = (np.arange(batch_size) + rng.random(batch_size)) / batch_size
         slots, probability = self.tree.find(fractions)
-        rows = self.ring.rows.take(slots, axis=0)
+        numbers = self.ring.numbers.take(slots, axis=0)
         weights = importance_weights(probability, len(self.ring), self.importance_exponent)
-        return batch_of(rows, self.ring.observation_size)._replace(weights=weights, slots=slots)
+        return batch_of(numbers, self.ring.observation_size)._replace(weights=weights, slots=slots)
 
     def anneal(self, progress: float) -> None:
         """Raise the exponent beta linearly to 1 (Sec. 3.4 of Schaul et al. 2015)."""

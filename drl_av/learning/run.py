@@ -1,19 +1,21 @@
-"""Writes and reads the folder of a run (settings, tables, checkpoint, policy); trains in it."""
+"""The folder of a run (settings, tables, checkpoint, policy): writes and reads it, trains in it."""
 
+import importlib.util
 import os
-from collections.abc import Iterator
+import threading
+import tomllib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from drl_av.config import OLD_DEFAULTS, Config, from_toml
-from drl_av.config.reference import annotated_toml
-from drl_av.config.stored import load_stored
-from drl_av.drivers.policy_file import load
-from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.config import Config, from_toml, load_config
+from drl_av.config.reference import annotated_toml, settings
+from drl_av.drivers.policy_file import load, load_policy, save, save_policy
+from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.files import replacing, table_bytes
-from drl_av.learning import checkpoint
-from drl_av.learning.training import EpisodeRow, EvaluationRow, Training
+from drl_av.learning.training import EpisodeRow, EvaluationRow, Training, learner_names
 
 
 class Progress(NamedTuple):
@@ -162,7 +164,7 @@ class Run:
             RunError: a table cannot be written.
             CheckpointError: the policy or the checkpoint cannot be written.
         """
-        checkpoint.save_policy(self.policy_file, training.networks, training.config)
+        save_policy(self.policy_file, training.networks, training.config)
         self._save_checkpoint(training)
 
     def _save_checkpoint(self, training: Training) -> None:
@@ -173,7 +175,7 @@ class Run:
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
         numbers |= {"kind": "training", "config": training.config.to_toml(), "sizes": sizes}
-        checkpoint.save(self.checkpoint_file, tensors, numbers)
+        save(self.checkpoint_file, tensors, numbers)
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
         """Add a row to one of the CSV files; raises RunError if it cannot be written."""
@@ -181,10 +183,35 @@ class Run:
             stream.write(table_bytes(type(row), [row], header=False))
 
 
+def load_stored(path: Path) -> Config:
+    """Return the config in a run's ``config.toml``, which holds all settings.
+
+    Raises:
+        ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a
+            setting.
+    """
+    config, text = load_config(path), path.read_text(encoding="utf-8-sig")
+    document: dict[str, Any] = tomllib.loads(text)
+    for each in settings(config):
+        if each.key not in document.get(each.section, {}):
+            raise _not_whole(path, f"it lacks {each.section}.{each.key}")
+    if not text.endswith("\n"):
+        raise _not_whole(path, "its last line has no end")
+    return config
+
+
+def _not_whole(path: Path, reason: str) -> ConfigError:
+    """Return the error for an incomplete ``config.toml``; ``reason`` says how it is incomplete."""
+    return ConfigError(
+        f"{path} is not whole, {reason}: put back the config.toml that the run was begun with, "
+        "or begin a new run."
+    )
+
+
 def _fits(stored: str, config: Config) -> bool:
-    """Return whether TOML settings equal ``config``; a missing setting has its former default."""
+    """Return whether TOML settings equal ``config``."""
     try:
-        return from_toml(stored, OLD_DEFAULTS) == config
+        return from_toml(stored) == config
     except ConfigError:
         return False
 
@@ -218,3 +245,101 @@ def train(run: Run, training: Training) -> Iterator[Progress]:
         if training.episodes_done % config.checkpoint_every == 0 or last:
             run.save(training)
         yield Progress(row, evaluation)
+
+
+def warm_start(training: Training, policy_file: Path) -> bool:
+    """Load a trained driver into a new training, in place; return whether experience was loaded.
+
+    If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training gets
+    the checkpoint's networks, target networks, Adam moments and experience (returns True).
+    Otherwise the online and the target networks are copies of the policy's networks, and the
+    buffers stay empty (returns False).
+
+    Raises:
+        CheckpointError: a file is damaged, or does not fit the settings of this training.
+        ConfigError: the run has settings that this version does not know.
+    """
+    tensors, numbers = training.state()
+    checkpoint_file = policy_file.with_name("checkpoint.safetensors")
+    experienced = policy_file.name == "policy.safetensors" and checkpoint_file.is_file()
+    if experienced:
+        tensors, found = load(checkpoint_file)
+        if found.get("kind") != "training":
+            raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
+        source = f"the config in {checkpoint_file}"
+        trained_with = from_toml(str(found.get("config")), name=source)
+    else:
+        networks, trained_with = load_policy(policy_file)
+        for name, network in zip(learner_names(len(networks)), networks, strict=True):
+            tensors |= {f"{name}.online": network.flat, f"{name}.target": network.flat}
+    count, wanted = trained_with.learning.networks, training.config.learning.networks
+    if count != wanted:
+        raise CheckpointError(
+            f"{policy_file} was trained with learning.networks = {count}: continue with as many, "
+            f"not {wanted}."
+        )
+    training.restore(tensors, numbers)
+    return experienced
+
+
+def require_tensorboard() -> None:
+    """Raise DrlAvError if the package tensorboard is not installed."""
+    if importlib.util.find_spec("tensorboard") is None:
+        raise DrlAvError(
+            "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."
+        )
+
+
+@contextmanager
+def tensorboard_writer(
+    folder: Path | None, episodes_done: int
+) -> Iterator[Callable[[Progress], None]]:
+    """Yield a function that writes the table rows of an episode as TensorBoard scalars.
+
+    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. If ``folder`` is None, the
+    function does nothing. If an interrupted training has already written scalars of episodes after
+    ``episodes_done``, TensorBoard discards them. Raises RunError if the folder cannot be written.
+    """
+    if folder is None:
+        yield lambda progress: None
+        return
+    from torch.utils.tensorboard import SummaryWriter
+
+    hook = threading.excepthook
+    _quiet_refusal(hook)
+    with _refusals_of_tensorboard(folder):
+        writer = SummaryWriter(str(folder), purge_step=episodes_done + 1)
+
+    def write(progress: Progress) -> None:
+        for group, row in (("episode", progress.episode), ("evaluation", progress.evaluation)):
+            for name, value in asdict(row).items() if row else ():
+                with _refusals_of_tensorboard(folder):
+                    writer.add_scalar(f"{group}/{name}", value, progress.episode.episode)
+
+    try:
+        yield write
+    finally:
+        with _refusals_of_tensorboard(folder):
+            writer.close()
+        threading.excepthook = hook
+
+
+def _quiet_refusal(hook: Callable[[threading.ExceptHookArgs], object]) -> None:
+    """Do not print an OSError of TensorBoard's thread, because ``add_scalar`` raises it again."""
+
+    def report(problem: threading.ExceptHookArgs) -> None:
+        if not isinstance(problem.exc_value, OSError):
+            hook(problem)
+
+    threading.excepthook = report
+
+
+@contextmanager
+def _refusals_of_tensorboard(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"The TensorBoard events in {folder} cannot be written ({error.strerror or error}): "
+            "free some space, or continue with --resume and without --tensorboard."
+        ) from error

@@ -1,25 +1,31 @@
-"""Trains a driver by Algorithm 1 of the paper, episode by episode."""
+"""Algorithm 1 of the paper: trains a driver, episode by episode."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle, islice
 from operator import index
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from drl_av.drivers.learned import LearnedDriver
-from drl_av.drivers.network import QNetwork
+from drl_av.config import LearningConfig
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.learned import LearnedDriver, learned_driver, respects_mobil
+from drl_av.drivers.network import Float32Array, QNetwork
 from drl_av.drivers.policy_file import State
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.affordances import observed_indicators
+from drl_av.driving.mirror import mirror_of
+from drl_av.driving.scene import Scene
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout
-from drl_av.learning.buffers import Batch, Buffer, part_of
-from drl_av.learning.checkpoint import restore_rng, rng_to_json
-from drl_av.learning.experience import TransitionWriter
-from drl_av.learning.exploration import ExploringDriver, linear_epsilon
+from drl_av.errors import CheckpointError
+from drl_av.learning.experience import TransitionWriter, mirror_half, require_symmetry
 from drl_av.learning.learner import Learner
+from drl_av.learning.prioritized import PrioritizedBuffer
+from drl_av.learning.replay import Buffer, TwoBuffers, UniformBuffer, part_of, require_memory
 
 EVALUATION_SEEDS = 900_000
 """First traffic seed of the evaluations during training; training episodes never use it."""
@@ -65,22 +71,33 @@ class EvaluationRow:
     safety_triggers: float
 
 
-class Variant(NamedTuple):
-    """The parts of Algorithm 1 of the paper that a setting may replace."""
+def linear_epsilon(
+    episode: int, episodes: int, start: float = 1.0, end: float = 0.2, fraction: float = 0.7
+) -> float:
+    """Return epsilon, the probability of a random action, in an episode; the first episode is 0.
 
-    store: TransitionWriter
-    """Stores a decision in the buffers: lines 6 and 8 to 12."""
-    augment: Callable[[Batch], Batch]
-    """Changes a minibatch before the gradient step."""
-    turns: Sequence[Sequence[Learner]]
-    """Groups of learners: each gradient step of an episode trains the next, from the first on."""
-    traffic_seed: Callable[[int], int]
-    """Returns the traffic seed of an episode (line 3) from its number; the first episode is 1."""
+    Epsilon decreases linearly from ``start`` to ``end`` over the first ``fraction`` of all
+    ``episodes``, and is constant afterwards (Sec. IV-C of the paper).
+    """
+    progress = min(1.0, episode / (fraction * episodes))
+    return (1.0 - progress) * start + progress * end
 
 
-def draw_seed(rng: np.random.Generator, episode: int) -> int:
-    """Draw the traffic seed of a training episode from ``rng``; ``episode`` is not used."""
-    return int(rng.integers(*TRAINING_SEED_RANGE))
+class ExploringDriver(Driver):
+    """Adds epsilon-greedy exploration to a driver; set ``epsilon`` before each episode.
+
+    The random numbers come from the training's generator, not from the episode's seed.
+    """
+
+    def __init__(self, driver: LearnedDriver, rng: np.random.Generator) -> None:
+        self._driver, self._rng = driver, rng
+        self.epsilon = 1.0
+
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
+        """Return a random action with probability ``epsilon``, else the driver's greedy action."""
+        if self._rng.random() < self.epsilon:
+            return ACTIONS[self._rng.integers(len(ACTIONS))]
+        return ACTIONS[self._driver.greedy(observation)]
 
 
 def seed_of_episode(seed: int, episode: int) -> int:
@@ -88,7 +105,7 @@ def seed_of_episode(seed: int, episode: int) -> int:
 
     Trainings with the same seed then learn in the same traffic, for a fair comparison.
     """
-    return draw_seed(np.random.default_rng([seed, episode]), episode)
+    return int(np.random.default_rng([seed, episode]).integers(*TRAINING_SEED_RANGE))
 
 
 def learner_names(count: int) -> list[str]:
@@ -104,9 +121,8 @@ class Training:
         driver: The greedy driver of the learners' networks. A training episode adds exploration, an
             evaluation does not.
         learners: One learner for each network.
-        buffer: The experience buffer, which ``variant.store`` fills and the learners sample.
+        buffer: The experience buffer, which the decisions fill and the learners sample.
         rng: The source of all random numbers.
-        variant: The parts of the algorithm that depend on settings.
     """
 
     def __init__(
@@ -116,13 +132,13 @@ class Training:
         learners: Sequence[Learner],
         buffer: Buffer,
         rng: np.random.Generator,
-        variant: Variant,
     ) -> None:
         self.config, self.driver = env.config, driver
         self._env, self._config = env, env.config.learning
-        self._learners, self._buffer = learners, buffer
-        self._rng, self._variant = rng, variant
+        self._learners, self._buffer, self._rng = learners, buffer, rng
         self._explorer = ExploringDriver(driver, rng)
+        self._store = TransitionWriter(buffer, env, rng)
+        self._mirror = mirror_of(observed_indicators(env.config.observation))
         self.episodes_done = 0
 
     @property
@@ -156,13 +172,14 @@ class Training:
         for learner in self._learners:
             learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
-        seed = self._variant.traffic_seed(self.episodes_done + 1)
-        turns, gradient_steps = cycle(self._variant.turns), self._gradient_steps
-        losses: list[float] = []
+        seed, vehicles = self._draw_seed(), 0
+        each = [[learner] for learner in self._learners]
+        turns = cycle(each if self._config.round_robin else [self._learners])
+        gradient_steps, losses = self._gradient_steps, list[float]()
         for decision in rollout(self._env, self._explorer, seed, self._draw_vehicles()):
             if not metrics.decisions:
                 vehicles = len(decision.scene.snapshot.ids) - 1
-            self._variant.store(decision)
+            self._store(decision)
             for learners in islice(turns, gradient_steps):
                 losses += [self._learn(learner) for learner in learners]
             metrics.add(decision)
@@ -183,6 +200,12 @@ class Training:
             epsilon=epsilon,
             mean_loss=float(np.mean(losses)) if losses else 0.0,
         )
+
+    def _draw_seed(self) -> int:
+        """Return the traffic seed of the next episode."""
+        if self._config.traffic_by_episode:
+            return seed_of_episode(self._config.seed, self.episodes_done + 1)
+        return int(self._rng.integers(*TRAINING_SEED_RANGE))
 
     def _draw_vehicles(self) -> int | None:
         """Draw the number of other vehicles at the start of an episode; None: its seed decides."""
@@ -211,7 +234,9 @@ class Training:
     def _learn(self, learner: Learner) -> float:
         """Make a gradient step on a batch (Algorithm 1, lines 13 to 15); return the loss."""
         batch = self._buffer.sample(self._config.batch_size, self._rng)
-        update = learner.update(self._variant.augment(batch))
+        if self._config.mirrored:
+            mirror_half(batch, self._mirror)
+        update = learner.update(batch)
         self._buffer.update_priorities(batch, update.td_errors)
         return update.loss
 
@@ -256,7 +281,10 @@ class Training:
         parts = {name: learner.state() for name, learner in self._named_learners()}
         parts["buffer"] = self._buffer.state()
         tensors = {f"{part}.{k}": v for part, state in parts.items() for k, v in state.items()}
-        return tensors, {"episodes_done": self.episodes_done, "rng": rng_to_json(self._rng)}
+        return tensors, {
+            "episodes_done": self.episodes_done,
+            "rng": dict(self._rng.bit_generator.state),
+        }
 
     def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
         """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
@@ -268,3 +296,69 @@ class Training:
 
     def _named_learners(self) -> list[tuple[str, Learner]]:
         return list(zip(learner_names(len(self._learners)), self._learners, strict=True))
+
+
+def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
+    """Set a random generator, in place, to a state from a checkpoint.
+
+    Raises:
+        CheckpointError: ``state`` belongs to another kind of generator.
+    """
+    try:
+        rng.bit_generator.state = state
+    except (ValueError, TypeError, KeyError) as error:
+        raise CheckpointError(
+            f"The stored state of a random generator is not one of {rng.bit_generator}: continue "
+            "with the version of numpy the run was started with."
+        ) from error
+
+
+def build_training(env: HighwayEnv) -> Training:
+    """Build a new training by Algorithm 1 of the paper, with the settings of ``env.config``.
+
+    All its random numbers come from one generator, seeded with ``learning.seed``.
+
+    Raises:
+        ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; the experience buffer
+            does not fit in the memory; or ``learning.mirrored`` is set, but the reward of a scene
+            and of its mirror image differ.
+    """
+    env.require_room()
+    require_symmetry(env.config, env.road)
+    config, size = env.config.learning, len(observed_indicators(env.config.observation))
+    rng = np.random.default_rng(config.seed)
+    hidden = (config.hidden_units,) * 2
+    networks = [QNetwork(rng, size, hidden=hidden) for _ in range(config.networks)]
+    learners = [Learner(network, config.learning_rate) for network in networks]
+    driver = learned_driver(networks, env.config)
+    if config.permitted_only:
+        driver = driver.limited_to(respects_mobil(env.safety_check, env.config.mobil))
+    return Training(env, driver, learners, make_buffer(config, size), rng)
+
+
+def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
+    """Make an empty experience buffer of the kind ``config.replay``.
+
+    Raises:
+        ConfigError: the available memory is too small for the full buffer.
+    """
+    capacity = config.safe_capacity + config.collision_capacity
+    require_memory(capacity, observation_size)
+    if config.replay == "uniform":
+        return UniformBuffer(observation_size, capacity, config.discount)
+    if config.replay == "prioritized":
+        return PrioritizedBuffer(
+            observation_size,
+            capacity,
+            config.discount,
+            config.priority_exponent,
+            config.importance_exponent_start,
+            config.priority_floor,
+        )
+    return TwoBuffers(
+        observation_size,
+        config.safe_capacity,
+        config.collision_capacity,
+        config.discount,
+        config.collision_fraction,
+    )

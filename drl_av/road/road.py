@@ -1,6 +1,7 @@
 """Lanes and distances on a road, closed to a loop or open; pure geometry, no SUMO."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -50,6 +51,48 @@ class Barrier(NamedTuple):
     """The lateral positions of its two ends; they are equal if only a lane marking is blocked."""
 
 
+class SpeedLimit(NamedTuple):
+    """A part of a lane with its speed limit; a vehicle obeys it while its front is there."""
+
+    begin_m: float
+    end_m: float
+    limit_m_s: float
+
+
+LIMIT_BRAKING_M_S2 = 2.0
+"""Braking with which the ego slows down for a lower speed limit ahead (ours)."""
+
+
+def allowed_speed(limits: Iterable[SpeedLimit], front_m: float = 0.0, step_s: float = 0.0) -> float:
+    """Return the largest speed of the next SUMO step that keeps all limits, m/s (ours).
+
+    The front of the vehicle is at ``front_m``, in the coordinate of ``limits``. With this speed v
+    it can brake with b = ``LIMIT_BRAKING_M_S2`` to each limit w that begins in a distance d ahead:
+    v h + (v^2 - w^2) / 2b = d, where h is ``step_s``. The result is inf where there is no limit.
+    """
+    most_m_s, slack_m_s = math.inf, LIMIT_BRAKING_M_S2 * step_s
+    for begin_m, end_m, limit_m_s in limits:
+        left_m = begin_m - front_m
+        if left_m > 0.0:
+            square = slack_m_s**2 + 2 * LIMIT_BRAKING_M_S2 * left_m + limit_m_s**2
+            most_m_s = min(most_m_s, max(limit_m_s, math.sqrt(square) - slack_m_s))
+        elif front_m < end_m:
+            most_m_s = min(most_m_s, limit_m_s)
+    return most_m_s
+
+
+class ForbiddenLine(NamedTuple):
+    """A part of a lane from which no vehicle may change to the lane on one side."""
+
+    lane: int
+    side: int
+    """+1 if the change to the left is forbidden, -1 if the change to the right is."""
+    begin_m: float
+    end_m: float
+
+
+LANE_CHANGE_S = 5.0
+"""Time for which a line must be open ahead of an ego that begins to cross it, seconds (T_LC)."""
 LANE_CHANGE_DUE_M = 400.0
 """Mandatory lane changes are urgent if less than this distance, metres, is left for each (ours)."""
 
@@ -93,6 +136,10 @@ class Road:
     """The position up to which a vehicle can enter the ego's exit; inf without an exit."""
     exit_lane: int = 0
     """The leftmost lane that leads to the exit; each lane to its right leads there too."""
+    speed_limits: tuple[tuple[SpeedLimit, ...], ...] = ()
+    """For each lane its parts in driving order, each with its limit; empty if the road has one
+    limit, which no setting may exceed."""
+    forbidden_lines: tuple[ForbiddenLine, ...] = ()
 
     @cached_property
     def is_loop(self) -> bool:
@@ -127,6 +174,13 @@ class Road:
         part = self._part(right, s_m)
         joined = part is None or part.joined_from_m <= s_m < part.joined_to_m
         return joined and self.is_open_at(other, s_m)
+
+    def may_cross(self, lane: int, side: int, from_m: float, to_m: float) -> bool:
+        """Whether no ``ForbiddenLine`` lies on this side of the lane in a part of the road."""
+        return not any(
+            (line.lane, line.side) == (lane, side) and line.begin_m <= to_m and from_m < line.end_m
+            for line in self.forbidden_lines
+        )
 
     def lane_end_m(self, lane: int, s_m: float) -> float:
         """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
-from drl_av.road.road import ROUNDING, FloatArray, Road
+from drl_av.compiled import compiled, squared
+from drl_av.road.road import LIMIT_BRAKING_M_S2, ROUNDING, FloatArray, Road
 
 
 class RoadNumbers(NamedTuple):
@@ -29,6 +29,10 @@ class RoadNumbers(NamedTuple):
     """Shape (partial lanes, 5); the columns are the fields of ``PartialLane``."""
     barriers: FloatArray
     """Shape (barriers, 3); the columns are the fields of ``Barrier``."""
+    speed_limits: FloatArray
+    """Shape (limits, 4): the lane, and the fields of its ``SpeedLimit``."""
+    forbidden_lines: FloatArray
+    """Shape (lines, 4); the columns are the fields of ``ForbiddenLine``."""
 
 
 @lru_cache(maxsize=64)
@@ -38,6 +42,7 @@ def road_numbers(road: Road) -> RoadNumbers:
         (part.lane, part.begin_m, part.end_m, part.joined_from_m, part.joined_to_m)
         for part in road.partial_lanes
     ]
+    limits = [(lane, *one) for lane, found in enumerate(road.speed_limits) for one in found]
     return RoadNumbers(
         float(road.lap_m),
         float(road.lane_width_m),
@@ -47,6 +52,8 @@ def road_numbers(road: Road) -> RoadNumbers:
         int(road.exit_lane),
         np.array(parts, dtype=np.float64).reshape(-1, 5),
         np.array(road.barriers, dtype=np.float64).reshape(-1, 3),
+        np.array(limits, dtype=np.float64).reshape(-1, 4),
+        np.array(road.forbidden_lines, dtype=np.float64).reshape(-1, 4),
     )
 
 
@@ -91,6 +98,33 @@ def is_beside(lane: int, other: int, s_m: float, road: RoadNumbers) -> bool:
         return False
     there: bool = is_open_at(other, s_m, road)
     return there
+
+
+@compiled
+def may_cross(lane: int, side: int, from_m: float, to_m: float, road: RoadNumbers) -> bool:
+    """Whether no forbidden line lies in a part of the road, as ``Road.may_cross``."""
+    for row in range(len(road.forbidden_lines)):
+        line = road.forbidden_lines[row]
+        if line[0] == lane and line[1] == side and line[2] <= to_m and from_m < line[3]:
+            return False
+    return True
+
+
+@compiled
+def allowed_speed_in(limits: FloatArray, lane: int, front_m: float, step_s: float) -> float:
+    """Return ``allowed_speed`` in a lane; ``limits`` are ``RoadNumbers.speed_limits``."""
+    most_m_s, slack_m_s = np.inf, LIMIT_BRAKING_M_S2 * step_s
+    for row in range(len(limits)):
+        left_m, limit_m_s = limits[row, 1] - front_m, limits[row, 3]
+        if limits[row, 0] != lane:
+            continue
+        if left_m > 0.0:
+            rest = squared(limit_m_s) if limit_m_s < np.inf else np.inf
+            square = squared(slack_m_s) + 2 * LIMIT_BRAKING_M_S2 * left_m + rest
+            most_m_s = min(most_m_s, max(limit_m_s, math.sqrt(square) - slack_m_s))
+        elif front_m < limits[row, 2]:
+            most_m_s = min(most_m_s, limit_m_s)
+    return most_m_s
 
 
 @compiled

@@ -8,6 +8,8 @@ import numpy as np
 
 from drl_av.road.road import FloatArray
 
+FLOAT64, STRIDES = np.dtype(np.float64), (8,)
+"""The type and the strides of the arrays that compiled functions take."""
 EGO = 0
 """Index of the ego in every array of a snapshot."""
 EGO_ID = "ego"
@@ -64,7 +66,7 @@ class Snapshot(NamedTuple):
         """The six arrays, from ``s_m`` to ``width_m``, as the compiled functions take them."""
         arrays = self[2:8]
         for array in arrays:
-            if array.dtype != np.float64 or not array.flags.c_contiguous:
+            if array.strides != STRIDES or array.dtype is not FLOAT64:
                 return tuple(np.ascontiguousarray(each, np.float64) for each in arrays)
         return arrays
 

@@ -158,41 +158,41 @@ def swept_collision(
 
 @compiled
 def rows_within_reach(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    way_m: tuple[float, float, float],
-    times_s: tuple[float, float],
-    bounds: tuple[float, float, float],
-    lap_m: float,
+    state: FloatArray,
+    rolled_m: float,
+    lowest_m: float,
+    highest_m: float,
+    time_s: float,
+    step_s: float,
+    bounds: FloatArray,
     rows: IntArray,
 ) -> int:
     """Find the vehicles that can touch the ego during its commands, as ``within_reach``.
 
     Args:
-        s_m: Positions before the first command, shape (1 + N,), the ego first.
-        y_m: Lateral positions, likewise.
-        speed_m_s: Speeds, likewise.
-        way_m: The distance that the ego covers, and its rightmost and leftmost lateral position.
-        times_s: The time that the commands take, and that of a SUMO step.
-        bounds: The largest length and width of a vehicle, and its largest lateral speed, m/s.
-        lap_m: The length of a lap of the road.
+        state: The rows s, y and speed of all vehicles before the first command; the ego first.
+        rolled_m: The distance that the ego covers.
+        lowest_m: Its rightmost lateral position.
+        highest_m: Its leftmost lateral position.
+        time_s: The time that the commands take.
+        step_s: The length of a SUMO step.
+        bounds: The largest length and width of a vehicle, metres, its largest lateral speed, m/s,
+            and the length of a lap of the road, metres.
         rows: An array of shape (N,) or longer, whose first elements the function sets to row
             indices, in ascending order.
 
     Returns:
         The number of rows.
     """
-    count, (rolled_m, lowest_m, highest_m), (time_s, step_s) = 0, way_m, times_s
-    length_m, width_m, lateral_m_s = bounds
+    count, (length_m, width_m, lateral_m_s, lap_m) = 0, bounds
     aside_m = width_m + lateral_m_s * time_s
     right_m, left_m = lowest_m - aside_m, highest_m + aside_m
     gained_m = ACCELERATION_M_S2 * time_s * (time_s + step_s) / 2 - rolled_m
-    for row in range(1, len(s_m)):
-        if right_m < y_m[row] < left_m:
-            closer_m = speed_m_s[row] * time_s + gained_m
+    for row in range(1, state.shape[1]):
+        if right_m < state[1, row] < left_m:
+            closer_m = state[2, row] * time_s + gained_m
             behind_m = length_m + closer_m if closer_m > 0.0 else length_m
-            ahead_m = (s_m[row] - s_m[0] + behind_m) % lap_m
+            ahead_m = (state[0, row] - state[0, 0] + behind_m) % lap_m
             if ahead_m < behind_m + length_m + rolled_m:
                 rows[count] = row
                 count += 1
@@ -211,39 +211,33 @@ class VehicleRectangles:
     """Upper bound of the lateral speed of each vehicle."""
 
     @cached_property
-    def _bounds(self) -> tuple[float, float, float]:
-        """The largest length, width and lateral speed of a vehicle."""
-        return max(self.length_m), max(self.width_m), self.lateral_speed_m_s
-
-    @cached_property
-    def _lap_m(self) -> float:
-        return float(self.road.lap_m)
+    def _bounds(self) -> FloatArray:
+        """The largest length, width and lateral speed of a vehicle, and the length of a lap."""
+        largest_m = max(self.length_m), max(self.width_m)
+        return np.array((*largest_m, self.lateral_speed_m_s, self.road.lap_m), np.float64)
 
     def within_reach(
-        self,
-        s_m: FloatArray,
-        y_m: FloatArray,
-        speed_m_s: FloatArray,
-        commands: Sequence[Command],
-        step_s: float,
+        self, state: FloatArray, commands: Sequence[Command], step_s: float
     ) -> list[int]:
         """Return the rows of all vehicles that can touch the ego during its commands, ascending.
 
-        A row is an index into the arrays, which hold each vehicle's state before the first command.
-        The method assumes that a vehicle can stop at once, accelerate with ``ACCELERATION_M_S2``,
-        and move sideways at ``lateral_speed_m_s``. Each command takes one SUMO step of ``step_s``
-        seconds.
+        A row is an index into each of the arrays of ``state``: s, y and the speed of each vehicle
+        before the first command. The method assumes that a vehicle can stop at once, accelerate
+        with ``ACCELERATION_M_S2``, and move sideways at ``lateral_speed_m_s``. Each command takes
+        one SUMO step of ``step_s`` seconds.
         """
-        lowest_m = highest_m = float(y_m[EGO])
-        rolled_m = 0.0
+        rolled_m, lowest_m = 0.0, float(state[1, EGO])
+        highest_m = lowest_m
         for speed, to_m, _ in commands:
             rolled_m += step_s * speed
-            lowest_m, highest_m = min(lowest_m, to_m), max(highest_m, to_m)
-        way_m, times_s = (rolled_m, lowest_m, highest_m), (step_s * len(commands), step_s)
-        rows = np.empty(len(s_m), np.int64)
-        count = rows_within_reach(
-            s_m, y_m, speed_m_s, way_m, times_s, self._bounds, self._lap_m, rows
-        )
+            if to_m < lowest_m:
+                lowest_m = to_m
+            elif to_m > highest_m:
+                highest_m = to_m
+        rows, way_m = np.empty(state.shape[1], np.int64), (rolled_m, lowest_m, highest_m)
+        times_s = float(step_s * len(commands)), float(step_s)
+        near = np.ascontiguousarray(state, np.float64)
+        count = rows_within_reach.fast(near, *way_m, *times_s, self._bounds, rows)
         found: list[int] = rows[:count].tolist() if count else []
         return found
 

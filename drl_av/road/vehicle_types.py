@@ -140,9 +140,20 @@ def _read_type(attributes: Mapping[str, Any], name: str) -> VehicleType:
     Each message begins with ``name``.
     """
     numbers = {field: _number(attributes, key, name) for field, key in NUMBERS.items()}
+    for key, text in attributes.items():
+        if key not in APPEARANCE and _is_endless(str(text)):
+            raise ScenarioError(f"{name} has {key} {text!r}, but must have a finite number.")
     known = {*NUMBERS.values(), *APPEARANCE}
     model = tuple(sorted((key, str(attributes[key])) for key in attributes if key not in known))
     return VehicleType(**numbers, model=model)
+
+
+def _is_endless(text: str) -> bool:
+    """Return whether a text is a number that is not finite: nan or inf."""
+    try:
+        return not math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _number(attributes: Mapping[str, Any], key: str, name: str) -> float:

@@ -56,12 +56,13 @@ def named_check(
 
 
 def starts_unsafe(check: SafetyCheck, scene: Scene) -> bool:
-    """Return whether the check ``strict`` has no safe action in the first scene of an episode.
+    """Return whether ``strict`` cannot protect the ego in the first scene of an episode.
 
-    A collision may then be unavoidable. Only a scenario that places its vehicles exactly can begin
-    with such a scene. For all other checks the result is False.
+    A collision with a vehicle ahead of the ego, beside it or behind it in its lane may then be
+    unavoidable (``Strict.start_is_safe``). Only a scenario that places its vehicles exactly can
+    begin with such a scene. For all other checks, which promise nothing, the result is False.
     """
-    return isinstance(check, Strict) and not check.fallback_is_free(scene)
+    return isinstance(check, Strict) and not check.start_is_safe(scene)
 
 
 ActionMask = npt.NDArray[np.int8]

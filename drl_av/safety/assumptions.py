@@ -5,6 +5,7 @@ a combination that breaks an assumption of the proof; the message names the sett
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import asdict
 
 import numpy as np
@@ -21,6 +22,7 @@ ROAD_AS_WRITTEN = Road(500.0, 3.8, (True, True, True))
 AT_MOST = (
     ("traffic.acceleration_max_m_s2", "strict.acceleration_m_s2", "bound 4"),
     ("traffic.truck_acceleration_m_s2", "strict.acceleration_m_s2", "bound 4"),
+    ("the accel of the vehicle type traffic", "strict.acceleration_m_s2", "bound 4"),
     ("the decel of the vehicle type traffic", "strict.braking_m_s2", "bound 1"),
     ("the emergencyDecel of the vehicle type traffic", "strict.braking_m_s2", "bound 1"),
     ("the maxSpeedLat of the vehicle type traffic", "strict.lateral_speed_m_s", "bound 2"),
@@ -32,6 +34,8 @@ AT_MOST = (
     ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
 )
 """(a, b, reason): a must be at most b; ``reason`` names what fails in the proof otherwise."""
+PER_VEHICLE = ("maxSpeed", "tau")
+"""Attributes that a user's own type may state: they are set for each vehicle in any case."""
 FALLBACK_CHECK = "the check paper (--safety-check paper)"
 """The check that needs no assumptions, as the error messages recommend it."""
 ROUNDING_M = 1e-6
@@ -52,7 +56,7 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
     for name, traffic in vehicle_types.others.items():
         met = VehicleTypes(traffic, vehicle_types.ego)
         _require_bounds(config, met, name)
-        _require_model(name, traffic, AS_WRITTEN.traffic)
+        _require_model(name, traffic, AS_WRITTEN.traffic, () if name == "traffic" else PER_VEHICLE)
         _require_one_vehicle_abreast(config, met, road)
         _require_narrow_vehicles(config, met, road)
         _require_a_long_loop(config, met, road)
@@ -83,6 +87,7 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> 
     """Raise ConfigError if a value that ``AT_MOST`` lists exceeds its bound."""
     traffic, ego = vehicle_types.traffic, vehicle_types.ego
     facts = {
+        "the accel of the vehicle type traffic": traffic.acceleration_m_s2,
         "the decel of the vehicle type traffic": traffic.braking_m_s2,
         "the emergencyDecel of the vehicle type traffic": traffic.emergency_braking_m_s2,
         "the maxSpeedLat of the vehicle type traffic": traffic.lateral_speed_m_s,
@@ -104,11 +109,16 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> 
             )
 
 
-def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
-    """Raise ConfigError if a vehicle type has another SUMO model or parameter than ``written``."""
-    changed = sorted(set(found.model) ^ set(written.model))
+def _require_model(
+    name: str, found: VehicleType, written: VehicleType, free: Collection[str] = ()
+) -> None:
+    """Raise ConfigError if a vehicle type has another SUMO model or parameter than ``written``.
+
+    The attributes ``free`` may differ.
+    """
+    changed = sorted({key for key, _ in set(found.model) ^ set(written.model)} - set(free))
     if changed:
-        key = changed[0][0]
+        key = changed[0]
         values = [dict(kind.model).get(key, "the default of SUMO") for kind in (written, found)]
         raise ConfigError(
             f"Under the check strict the {key} of the vehicle type {name} must be {values[0]}, "
@@ -118,7 +128,8 @@ def _require_model(name: str, found: VehicleType, written: VehicleType) -> None:
 
 def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
     """Raise ConfigError if two vehicles can drive beside each other in one lane."""
-    resolution_m, lane_m = config.simulation.lateral_resolution_m, road.lane_width_m
+    lane_m = road.lane_width_m
+    resolution_m = config.simulation.strip_width_m(lane_m)
     if resolution_m < lane_m:
         raise _refusal(
             "simulation.lateral_resolution_m",

@@ -60,7 +60,7 @@ class Approach(NamedTuple):
 
 
 def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig | SafetyNumbers) -> Any:
-    """Whether eq. 3 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
+    """Whether the gap condition (eq. 3 of the paper) holds: gap_m - T_min * closing_m_s > d_TVmin.
 
     ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
     """
@@ -72,8 +72,8 @@ def lane_change_is_safe(
 ) -> Any:
     """Whether a lane change is safe by rule 3 of the paper.
 
-    Eq. 2 must hold for the vehicle ahead in the own lane, and for those ahead and behind in the
-    target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
+    The gap condition (eq. 3) must hold for the vehicle ahead in the own lane, and for those ahead
+    and behind in the target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
     """
     return (
         gap_condition(*own_front, config)
@@ -83,7 +83,7 @@ def lane_change_is_safe(
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
-    """Return the action that eq. 4 of the paper demands: hard brake, brake, or maintain.
+    """Return the safe action (eq. 4 of the paper): hard brake, brake, or maintain.
 
     ``ttc_s`` is the time to collision with the vehicle ahead.
     """
@@ -149,7 +149,7 @@ def paper_verdicts(
 def checked_longitudinal(
     values: FloatArray, codes: IntArray, proposed: int, safety: SafetyNumbers
 ) -> int:
-    """Return the longitudinal action after rule 1 (eq. 3 and 4)."""
+    """Return the action after rule 1: gap condition (eq. 3) and safe action (eq. 4)."""
     gap_m, closing_m_s = values[0], -values[1]
     if codes[0] == NOBODY or closing_m_s <= 0 or gap_condition(gap_m, closing_m_s, safety):
         return proposed
@@ -189,8 +189,8 @@ def checked_lateral(
 def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyNumbers) -> bool:
     """Whether rule 3 of the paper permits to be in the own (0), left (+1) or right (-1) lane.
 
-    Eq. 2 must hold for the vehicle ahead in the ego's lane, and for those ahead and behind in the
-    other lane.
+    The gap condition (eq. 3) must hold for the vehicle ahead in the ego's lane, and for those ahead
+    and behind in the other lane.
     """
     front = slot_of(sign)
     return (
@@ -201,5 +201,5 @@ def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyNumbe
 
 
 def clear_of(values: FloatArray, slot: int, direction: int, safety: SafetyNumbers) -> bool:
-    """Whether eq. 3 holds for the neighbour in a slot; ``direction`` is -1 ahead, +1 behind."""
+    """Whether the gap condition (eq. 3) holds in a slot; ``direction`` is -1 ahead, +1 behind."""
     return bool(gap_condition(values[4 * slot], direction * values[4 * slot + 1], safety))

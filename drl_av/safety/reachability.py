@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import StrictConfig
-from drl_av.road.road import ARRIVED_M
+from drl_av.road.road import ARRIVED_M, FloatArray
+from drl_av.road.snapshot import EGO
 from drl_av.safety.stopping import stopping_distance
 
 LINE_M = 0.01
@@ -159,3 +160,41 @@ def stays_behind(
         if not gap_m + covered_m[step] > rolled_m:
             return False
     return True
+
+
+Ground = tuple[float, float, FloatArray, float]
+"""The circumference, 0 on an open road; the lane width; the barriers, shape (barriers, 3); and the
+position of the ego's front bumper, in the coordinates of the barriers. All are metres."""
+
+
+def lateral_extents(
+    y_m: FloatArray, lateral_speed_m_s: FloatArray, width_m: FloatArray, lane_width_m: float
+) -> FloatArray:
+    """Return ``lateral_extent`` of each vehicle, shape (1 + N, 2)."""
+    spans_m = np.empty((len(y_m), 2))
+    for row in range(1, len(y_m)):
+        span_m = lateral_extent(y_m[row], lateral_speed_m_s[row], width_m[row], lane_width_m)
+        spans_m[row, 0], spans_m[row, 1] = span_m
+    return spans_m
+
+
+def distances_ahead(s_m: FloatArray, row: int, circumference_m: float) -> tuple[float, float]:
+    """Return the distances along the road from the ego to a vehicle, negative behind, metres.
+
+    On a loop each vehicle is both ahead of the ego and behind it. On an open road both distances
+    are equal.
+    """
+    ahead_m = s_m[row] - s_m[EGO]
+    if circumference_m == 0.0:
+        return ahead_m, ahead_m
+    return ahead_m % circumference_m, ahead_m % circumference_m - circumference_m
+
+
+def nearest_barrier(ground: Ground, ends_m: tuple[float, float], strict: StrictNumbers) -> float:
+    """Return the distance within which the ego must stop before the barriers in a lateral range."""
+    barriers, nearest_m = ground[2], np.inf
+    for row in range(len(barriers)):
+        gap_m = barriers[row, 0] - ground[3]
+        if gap_m >= 0.0 and barriers[row, 2] > ends_m[0] and barriers[row, 1] < ends_m[1]:
+            nearest_m = min(nearest_m, gap_m - strict.clearance_m if gap_m > 0 else -np.inf)
+    return nearest_m

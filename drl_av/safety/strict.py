@@ -88,7 +88,6 @@ vehicle requests an interrupted lane change again, SUMO resumes it even into a v
   than ours; SUMO steps longer than ``follower_response_s``.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -113,25 +112,25 @@ from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.road.road import FloatArray
+from drl_av.road.road_numbers import allowed_speed_in
 from drl_av.road.snapshot import EGO
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
+from drl_av.safety.ego_motion import corridor, covered, fallback_lanes, seconds_to_line
 from drl_av.safety.reachability import (
-    LINE_M,
-    ON_LINE_M,
+    Ground,
     StrictNumbers,
-    lanes_under,
-    lateral_extent,
+    distances_ahead,
+    lateral_extents,
     must_stay_behind,
+    nearest_barrier,
     stays_behind,
     stopping_limit,
 )
-from drl_av.safety.stopping import reach, travel
+from drl_av.safety.stopping import reach
 
 ORDER = (ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE)
 """The longitudinal actions, the fastest first."""
-ROUNDING = 1e-6
-"""Largest rounding error of a computed number of SUMO steps."""
 
 
 class Strict(WholeCheck):
@@ -154,16 +153,62 @@ class Strict(WholeCheck):
         """
         found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
         strict_verdicts.fast(*self._arguments(scene), *found)
+        if len(scene.indicators.speed_limits) and self._ego.has_constant_acceleration:
+            self._expect_limits(scene, found)
         return found
+
+    def _expect_limits(self, scene: Scene, found: Verdicts) -> None:
+        """Change the verdicts where a speed limit may make the ego slower than its action.
+
+        A lane change is then permitted only if it is also permitted with the fastest action that
+        keeps the limit, or with hard brake.
+        """
+        ego, (values, codes, _, _, limits) = self._ego, scene.indicators
+        speed, decision_s = values[24], ego.decision_interval_s
+        ahead_m = values[FRONT] + speed * decision_s
+        allowed = allowed_speed_in(limits, codes[LANE], ahead_m, ego.step_length_s)
+        keeps = [
+            speed + acceleration_of(how, ego) * decision_s <= allowed for how in range(len(ORDER))
+        ]
+        permitted = found.executed.copy() // 4
+        for number, (lateral, safe) in enumerate(zip(permitted, found.executed % 4, strict=True)):
+            order = ORDER[ORDER.index(safe) :]
+            slowest = next((how for how in order if keeps[how]), HARD_BRAKE)
+            instead = permitted[4 * lateral + slowest]
+            if lateral == number // 4 and instead != lateral:
+                found.executed[number] = 4 * instead + safe
+                found.rules[number] |= LANE_CHANGE
 
     def fallback_is_free(self, scene: Scene) -> bool:
         """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""
         is_free: bool = fallback_is_free.fast(*self._arguments(scene))
         return is_free
 
+    def start_is_safe(self, scene: Scene) -> bool:
+        """Whether the check can protect an episode that begins with this scene.
+
+        Ahead: the ego can stop behind each vehicle. Beside: no body in the ego's way is beside it.
+        Behind: each vehicle that must stay behind (bound 4) can stop behind the ego, if the ego
+        keeps its speed for one decision and then brakes hard.
+        """
+        if not self.fallback_is_free(scene):
+            return False
+        shot, ground, ego = scene.snapshot, scene.indicators.ground, self._ego
+        covered_m, width_m = covered(float(shot.speed_m_s[EGO]), ego)[MAINTAIN], ground[1]
+        body = float(shot.y_m[EGO]), float(shot.width_m[EGO])
+        for row in range(1, len(shot.ids)):
+            if not must_stay_behind(shot.y_m[row], shot.width_m[row], *body, width_m):
+                continue
+            for ahead_m in distances_ahead(shot.s_m, row, ground[0]):
+                gap_m = abs(ahead_m) - (shot.length_m[row] + shot.length_m[EGO]) / 2
+                near = gap_m, gap_m > 0 and ahead_m >= 0, shot.speed_m_s[row]
+                if not stays_behind(*near, 0.0, covered_m, self._strict, ego.step_length_s):
+                    return False
+        return True
+
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
-        values, codes, ground, _ = scene.indicators
+        values, codes, ground, *_ = scene.indicators
         around = *scene.lanes, *ground, values[FRONT]
         return *scene.snapshot.arrays, codes, *around, self._strict, self._ego
 
@@ -196,18 +241,19 @@ def strict_verdicts(
     are those of the road, and ``front_m`` is the position of the ego's front bumper. The function
     fills the fields of ``Verdicts``, ``executed`` and ``rules``.
     """
+    spans_m = lateral_extents(y_m, lateral_speed_m_s, width_m, lane_width_m)
     others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
     ground = (circumference_m, lane_width_m, barriers, front_m)
     lane, covered_m = codes[LANE], covered(speed_m_s[EGO], ego)
     back = fallback_lanes(origin, target, lane)
-    may_m = free_distance(others, ground, back, strict, ego)
+    may_m = free_distance(others, spans_m, ground, back, strict, ego)
     for lateral in range(3):
         change = next_change(origin, target, lane, SIGNS[lateral])
         goes, is_back, rule, permitted = lateral, True, 0, 0
         if change[0] != change[1] and change != back:
             is_back = False
             if has_lane(codes, change[1] - lane):
-                permitted = permitted_with(others, ground, change, covered_m, strict, ego)
+                permitted = permitted_with(others, spans_m, ground, change, covered_m, strict, ego)
                 rule = LANE_CHANGE
             else:
                 rule = OFF_ROAD
@@ -244,11 +290,12 @@ def fallback_is_free(
     ego: EgoNumbers,
 ) -> bool:
     """Whether the invariant of ``strict`` holds; the arguments are those of ``strict_verdicts``."""
+    spans_m = lateral_extents(y_m, lateral_speed_m_s, width_m, lane_width_m)
     others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
     ground = (circumference_m, lane_width_m, barriers, front_m)
     back = fallback_lanes(origin, target, codes[LANE])
     rolled_m = reach(speed_m_s[EGO], -ego.hard_brake_m_s2, ego, ego)
-    return bool(rolled_m < free_distance(others, ground, back, strict, ego))
+    return bool(rolled_m < free_distance(others, spans_m, ground, back, strict, ego))
 
 
 def place(longitudinal: int) -> int:
@@ -256,89 +303,13 @@ def place(longitudinal: int) -> int:
     return (1, 0, 2, 3)[longitudinal]
 
 
-def covered(speed_m_s: float, ego: EgoNumbers) -> FloatArray:
-    """Return the distances that the ego covers with each longitudinal action, metres.
-
-    The shape is (4, steps + 1): until the end of each SUMO step of the decision, and in the last
-    column until standstill, if the ego brakes hard after the decision (``reach``).
-    """
-    covered_m = np.empty((4, ego.steps_per_decision + 1))
-    for how in range(4):
-        rate = acceleration_of(how, ego)
-        for steps in range(ego.steps_per_decision):
-            motion = travel(speed_m_s, rate, steps + 1, ego.step_length_s, ego.max_speed_m_s)
-            covered_m[how, steps] = motion[0]
-        covered_m[how, -1] = reach(speed_m_s, rate, ego, ego)
-    return covered_m
-
-
-def fallback_lanes(origin: int, target: int, lane: int) -> tuple[int, int]:
-    """Return the lanes of the fallback maneuver's lane change; they are equal if there is none.
-
-    The arguments are the lanes of the lane change in progress, and the lane of the ego's centre.
-    """
-    return (target, origin) if origin != target and target != lane else (origin, target)
-
-
-def corridor(
-    y_m: float, ego_width_m: float, change: tuple[int, int], lane_width_m: float, ego: EgoNumbers
-) -> tuple[float, float]:
-    """Return the right and left end of the lateral range that the ego's body may use, metres.
-
-    It contains the lanes that the ego's body overlaps, the rest of the lane change ``change``, and
-    the fallback maneuver if the ego begins it at the next decision. ``change`` holds the lanes of
-    the lane change, equal if there is none.
-    """
-    lowest, highest = lanes_under(y_m, ego_width_m, lane_width_m)
-    right_m, left_m = min(y_m, lane_width_m * lowest), max(y_m, lane_width_m * highest)
-    origin, target = change
-    if origin != target:
-        end_m = target * lane_width_m
-        rate_m_s = lane_width_m / ego.lane_change_duration_s
-        stride_m = min(abs(end_m - y_m), rate_m_s * ego.decision_interval_s)
-        next_m = y_m + (1 if target > origin else -1) * stride_m
-        right, left = lanes_about(next_m, lane_width_m)
-        right_m = min(right_m, end_m, lane_width_m * right)
-        left_m = max(left_m, end_m, lane_width_m * left)
-    return right_m - ego_width_m / 2, left_m + ego_width_m / 2
-
-
-def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
-    """Return the right and the left lane that contain a lateral position; usually they are equal.
-
-    They differ if the position is within ``ON_LINE_M`` of the marking between two lanes.
-    """
-    right, left = (y_m - ON_LINE_M) / lane_width_m, (y_m + ON_LINE_M) / lane_width_m
-    return math.floor(right + 0.5), math.floor(left + 0.5)
-
-
-def seconds_to_line(distance_m: float, lane_width_m: float, ego: EgoNumbers) -> float:
-    """Return the time, seconds, until the ego's body is over a line (a lane marking) beside it.
-
-    ``distance_m`` is the distance from the nearer side of the body to the line; it is negative if
-    that side is already beyond the line. The body is over the line when its side is more than
-    ``LINE_M`` beyond it. The ego moves sideways at the speed of a lane change. The time is rounded
-    up to whole SUMO steps. It is 0 if the body is already over the line, and also if it does not
-    get there within this decision.
-    """
-    stride_m = lane_width_m / ego.lane_change_duration_s * ego.step_length_s
-    steps = (distance_m + LINE_M) / stride_m
-    if steps > -ROUNDING and np.ceil(steps - ROUNDING) <= ego.steps_per_decision:
-        return float(np.ceil(steps + ROUNDING) * ego.step_length_s)
-    return 0.0 * ego.step_length_s
-
-
 Vehicles = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 """The arrays of a snapshot, from ``s_m`` to ``width_m``."""
 
 
-Ground = tuple[float, float, FloatArray, float]
-"""The circumference, 0 on an open road; the lane width; the barriers, shape (barriers, 3); and the
-position of the ego's front bumper, in the coordinates of the barriers. All are metres."""
-
-
 def free_distance(
     others: Vehicles,
+    spans_m: FloatArray,
     ground: Ground,
     change: tuple[int, int],
     strict: StrictNumbers,
@@ -351,8 +322,8 @@ def free_distance(
     ends_m = corridor(others[1][EGO], others[5][EGO], change, ground[1], ego)
     nearest_m = nearest_barrier(ground, ends_m, strict)
     for row in range(1, len(others[0])):
-        if overlaps_laterally(others, row, ends_m, ground[1]):
-            for ahead_m in distances_ahead(others, ground, row):
+        if spans_m[row, 1] > ends_m[0] and spans_m[row, 0] < ends_m[1]:
+            for ahead_m in distances_ahead(others[0], row, ground[0]):
                 gap_m = abs(ahead_m) - (others[4][row] + others[4][EGO]) / 2
                 limit_m = stopping_limit(
                     gap_m, ahead_m >= 0, others[2][row], strict, ego.step_length_s
@@ -363,6 +334,7 @@ def free_distance(
 
 def permitted_with(
     others: Vehicles,
+    spans_m: FloatArray,
     ground: Ground,
     change: tuple[int, int],
     covered_m: FloatArray,
@@ -381,17 +353,19 @@ def permitted_with(
     crosses_s = seconds_to_line(sign * (line_m - ego_y_m) - ego_width_m / 2, width_m, ego)
     nearest_m, permitted = nearest_barrier(ground, ends_m, strict), 15
     for row in range(1, len(others[0])):
-        if not overlaps_laterally(others, row, ends_m, width_m):
+        if not (spans_m[row, 1] > ends_m[0] and spans_m[row, 0] < ends_m[1]):
             continue
         speed, its_width_m = others[2][row], others[5][row]
         held = must_stay_behind(others[1][row], its_width_m, ego_y_m, ego_width_m, width_m)
-        for ahead_m in distances_ahead(others, ground, row):
+        for ahead_m in distances_ahead(others[0], row, ground[0]):
             gap_m, is_ahead = abs(ahead_m) - (others[4][row] + others[4][EGO]) / 2, ahead_m >= 0
             limit_m = stopping_limit(gap_m, is_ahead, speed, strict, ego.step_length_s)
             nearest_m = min(nearest_m, limit_m)
+            if held or (is_ahead and gap_m > 0):
+                continue
             for how in range(4):
                 slowest = how if ego.has_constant_acceleration else HARD_BRAKE
-                if not held and not stays_behind(
+                if permitted & (1 << how) != 0 and not stays_behind(
                     gap_m,
                     is_ahead,
                     speed,
@@ -405,33 +379,3 @@ def permitted_with(
         if covered_m[how, -1] >= nearest_m:
             permitted &= ~(1 << how)
     return permitted
-
-
-def overlaps_laterally(
-    others: Vehicles, row: int, ends_m: tuple[float, float], lane_width_m: float
-) -> bool:
-    """Whether a vehicle's body can overlap the lateral range between two ends, right and left."""
-    right_m, left_m = lateral_extent(others[1][row], others[3][row], others[5][row], lane_width_m)
-    return left_m > ends_m[0] and right_m < ends_m[1]
-
-
-def distances_ahead(others: Vehicles, ground: Ground, row: int) -> tuple[float, float]:
-    """Return the distances along the road from the ego to a vehicle, negative behind, metres.
-
-    On a loop each vehicle is both ahead of the ego and behind it. On an open road both distances
-    are equal.
-    """
-    ahead_m = others[0][row] - others[0][EGO]
-    if ground[0] == 0.0:
-        return ahead_m, ahead_m
-    return ahead_m % ground[0], ahead_m % ground[0] - ground[0]
-
-
-def nearest_barrier(ground: Ground, ends_m: tuple[float, float], strict: StrictNumbers) -> float:
-    """Return the distance within which the ego must stop before the barriers in a lateral range."""
-    barriers, nearest_m = ground[2], np.inf
-    for row in range(len(barriers)):
-        gap_m = barriers[row, 0] - ground[3]
-        if gap_m >= 0.0 and barriers[row, 2] > ends_m[0] and barriers[row, 1] < ends_m[1]:
-            nearest_m = min(nearest_m, gap_m - strict.clearance_m if gap_m > 0 else -np.inf)
-    return nearest_m

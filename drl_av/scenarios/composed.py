@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from typing import Any
 
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import EGO_ID
-from drl_av.scenarios.road_description import PlacedVehicle
+from drl_av.scenarios.road_description import PlacedVehicle, RoadDescription
 from drl_av.scenarios.road_types import road_type_name
 
 
-def composed(stories: Mapping[str, Any]) -> Any:
+def composed(stories: Mapping[str, RoadDescription]) -> RoadDescription:
     """Return the description of one scenario with the vehicles of all stories (ours).
 
     ``stories`` holds the descriptions by name; a single one is returned unchanged. If two stories
@@ -37,7 +36,7 @@ def composed(stories: Mapping[str, Any]) -> Any:
     return base
 
 
-def _require_one_road(name: str, base: Any, other: str, story: Any) -> None:
+def _require_one_road(name: str, base: RoadDescription, other: str, story: RoadDescription) -> None:
     """Raise ScenarioError if two stories differ in more than their vehicles."""
     kinds = road_type_name(base), road_type_name(story)
     if kinds[0] != kinds[1]:

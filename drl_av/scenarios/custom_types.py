@@ -13,7 +13,19 @@ from drl_av.road.bounds import LENGTHS_M, WIDTHS_M, check_numbers
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
 """The allowed models of SUMO, with the attributes that make each of them deterministic."""
-BOUNDS = {"share": (0.0, 1.0), "length_m": LENGTHS_M, "width_m": WIDTHS_M}
+BOUNDS = {
+    "share": (0.0, 1.0),
+    "length_m": LENGTHS_M,
+    "width_m": WIDTHS_M,
+    "acceleration_m_s2": (0.1, 20.0),
+    "top_speed_m_s": (0.1, 100.0),
+    "headway_s": (0.1, 20.0),
+}
+SHAPES = ("passenger", "passenger/van", "delivery", "truck", "truck/semitrailer", "bus", "coach",
+          "motorcycle", "trailer")  # fmt: skip
+"""The pictures of SUMO's guiShape that a type of the traffic may have."""
+SUMO_NAMES = {"acceleration_m_s2": "accel", "top_speed_m_s": "maxSpeed", "headway_s": "tau"}
+"""The SUMO attribute of each setting that is drawn for each vehicle unless its type states it."""
 COLOR = "150,170,200"
 
 
@@ -32,6 +44,14 @@ class CustomVehicleType:
     width_m: float
     car_following_model: str = "IDM"
     """One of ``CAR_FOLLOWING_MODELS``."""
+    acceleration_m_s2: float | None = None
+    """SUMO's accel; None draws it for each vehicle, like the next two."""
+    top_speed_m_s: float | None = None
+    """The highest speed; a lower desired speed that is drawn for a vehicle remains."""
+    headway_s: float | None = None
+    """The time gap to the vehicle ahead, SUMO's tau."""
+    shape: str = "passenger"
+    """The picture in sumo-gui, one of ``SHAPES``."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not self.id.isidentifier():
@@ -43,7 +63,13 @@ class CustomVehicleType:
                 f"A vehicle type's id is {self.id!r}, which is the type of other vehicles: "
                 "rename it."
             )
-        check_numbers(self, f"Vehicle type {self.id!r}: ", BOUNDS)
+        given = {name: bounds for name, bounds in BOUNDS.items() if getattr(self, name) is not None}
+        check_numbers(self, f"Vehicle type {self.id!r}: ", given)
+        if self.shape not in SHAPES:
+            raise ScenarioError(
+                f"Vehicle type {self.id!r}: shape is {self.shape!r}"
+                f"{did_you_mean(self.shape, SHAPES)}, but must be one of: {', '.join(SHAPES)}."
+            )
         model = self.car_following_model
         if model not in CAR_FOLLOWING_MODELS:
             raise ScenarioError(
@@ -59,9 +85,17 @@ class CustomVehicleType:
             "color": COLOR,
             "length": repr(self.length_m),
             "width": repr(self.width_m),
+            "guiShape": self.shape,
             "carFollowModel": self.car_following_model,
             **CAR_FOLLOWING_MODELS[self.car_following_model],
+            **{SUMO_NAMES[name]: repr(value) for name, value in self.stated.items()},
         }
+
+    @property
+    def stated(self) -> dict[str, float]:
+        """The settings that the type states for all its vehicles, by name."""
+        values = {name: getattr(self, name) for name in SUMO_NAMES}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 def check_custom_types(description: Any) -> None:
@@ -99,4 +133,4 @@ def draw_types(seed: int, own: Sequence[CustomVehicleType]) -> Iterator[str]:
     rng = generator(seed, Stream.OWN_VEHICLE_TYPES)
     yield "ego"
     while True:
-        yield names[np.searchsorted(limits, rng.random(), side="right")] if own else "traffic"
+        yield names[np.searchsorted(limits, rng.random(), side="right")]

@@ -10,14 +10,19 @@ from typing import Any, TypeVar
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.custom_types import CustomVehicleType
-from drl_av.scenarios.road_description import TYPES, PlacedVehicle, ScenarioDescription
+from drl_av.scenarios.road_description import (
+    TYPES,
+    PlacedVehicle,
+    RoadDescription,
+    ScenarioDescription,
+)
 
 
 def from_toml(
     text: str,
     name: str = "scenario.toml",
-    kinds: Mapping[str, type[Any]] = MappingProxyType({"loop": ScenarioDescription}),
-) -> Any:
+    kinds: Mapping[str, type[RoadDescription]] = MappingProxyType({"loop": ScenarioDescription}),
+) -> RoadDescription:
     """Return the description of a scenario, read from TOML text; missing keys have their defaults.
 
     Args:

@@ -3,7 +3,6 @@
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.schema import did_you_mean
@@ -15,7 +14,12 @@ from drl_av.scenarios import folder_files
 from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, require_ego
+from drl_av.scenarios.road_description import (
+    PlacedVehicle,
+    RoadDescription,
+    ScenarioDescription,
+    require_ego,
+)
 from drl_av.scenarios.road_types import ROAD_TYPES, road_type_of
 from drl_av.scenarios.safe_xml import (
     ADDITIONAL,
@@ -37,6 +41,8 @@ __all__ = [
 ]
 
 DEFAULT_SCENARIO = "circular_three_lane"
+SUMO_FILES = (".sumocfg", ".xml", ".xml.gz")
+"""The endings of SUMO's files."""
 WRITE_AGAIN = "write the scenario again with: drl-av scenario DIR"
 
 
@@ -45,7 +51,7 @@ class Scenario:
     """A scenario folder that has been read and verified."""
 
     folder: Path
-    description: Any
+    description: RoadDescription
     """The settings of the scenario; their class is the ``description`` of its ``ScenarioKind``."""
     layout: Layout
     additional_files: tuple[Path, ...]
@@ -71,7 +77,7 @@ class Scenario:
         return self.folder / folder_files.VIEW_FILE
 
 
-def write_scenario(folder: str | Path, description: Any) -> None:
+def write_scenario(folder: str | Path, description: RoadDescription) -> None:
     """Write a scenario folder atomically; equal descriptions give equal bytes.
 
     Raises:
@@ -140,7 +146,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     )
 
 
-def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
+def read_description(path: Path, remedy: str = WRITE_AGAIN) -> RoadDescription:
     """Return the description of a scenario in a TOML file.
 
     Raises:
@@ -151,7 +157,7 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> Any:
     return from_toml(_text(path, remedy), str(path), described)
 
 
-def _with_sizes(description: Any, types: VehicleTypes, name: str) -> Any:
+def _with_sizes(description: RoadDescription, types: VehicleTypes, name: str) -> RoadDescription:
     """Return the description with the vehicle types' sizes, which the user may have changed."""
     try:
         return replace(
@@ -219,10 +225,24 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
         return shipped[name]
     if os.path.isdir(name):
         return Path(name)
+    if name.endswith(SUMO_FILES) and os.path.isfile(name):
+        raise ScenarioError(
+            f"{name} is a file of SUMO, not a scenario of drl-av: make one of a route through its "
+            "network with: drl-av scenario DIR --kind imported --net FILE.net.xml --from-edge EDGE "
+            "--to-edge EDGE."
+        )
     hint = did_you_mean(name, shipped)
     raise ScenarioError(
         f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."
     )
+
+
+def summary_of(name_or_path: str) -> str:
+    """Return what was made of the user's own files in a scenario; "" if there are none.
+
+    Raises ScenarioError as ``find_scenario`` and ``read_description`` do.
+    """
+    return read_description(find_scenario(name_or_path) / folder_files.DESCRIPTION_FILE).summary
 
 
 def find_description(name_or_path: str) -> Path:

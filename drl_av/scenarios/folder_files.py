@@ -3,13 +3,13 @@
 import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from drl_av.config import TrafficConfig
 from drl_av.road.vehicle_types import VEHICLE, type_attributes
 from drl_av.scenarios.custom_types import CustomVehicleType
 from drl_av.scenarios.loop import BARRICADES_FILE
 from drl_av.scenarios.netconvert import DEMO_END_S, NETWORK_FILE, xml_text
+from drl_av.scenarios.road_description import RoadDescription
 from drl_av.scenarios.road_types import road_type_of, stated_road_type
 
 DESCRIPTION_FILE = "scenario.toml"
@@ -33,7 +33,7 @@ ALL_FILES = (DESCRIPTION_FILE, *COMMENTS)
 """The files that have checksums; other files in the folder belong to the user."""
 
 
-def scenario_texts(description: Any) -> dict[str, str]:
+def scenario_texts(description: RoadDescription) -> dict[str, str]:
     """Return the text of each file of a scenario folder, by file name.
 
     Raises:
@@ -60,7 +60,7 @@ def _commented(text: str, comment: str) -> str:
     return f"{declaration}\n<!-- {comment} -->\n{rest}" if comment else text
 
 
-def _demo(root: ET.Element, description: Any) -> ET.Element:
+def _demo(root: ET.Element, description: RoadDescription) -> ET.Element:
     """Return the demo traffic with the mean parameters of the environment's default traffic."""
     size = description.vehicle_length_m, description.vehicle_width_m
     traffic = TrafficConfig()
@@ -110,12 +110,12 @@ def checksums(files: Mapping[str, bytes]) -> str:
     )
 
 
-def additional_files(description: Any) -> tuple[str, ...]:
+def additional_files(description: RoadDescription) -> tuple[str, ...]:
     """Return the names of the files that SUMO loads before its vehicles, vehicle types first."""
     return (VEHICLE_TYPES_FILE, *road_type_of(description).additional(description))
 
 
-def _vehicle_types(description: Any) -> ET.Element:
+def _vehicle_types(description: RoadDescription) -> ET.Element:
     """Return SUMO's additional file with the vehicle types."""
     root = ET.Element("additional")
     types = type_attributes(description.vehicle_length_m, description.vehicle_width_m)
@@ -124,7 +124,7 @@ def _vehicle_types(description: Any) -> ET.Element:
     return root
 
 
-def _configuration(description: Any) -> ET.Element:
+def _configuration(description: RoadDescription) -> ET.Element:
     """Return the SUMO configuration that opens the scenario with its demo traffic."""
     sections = {
         "input": {

@@ -2,11 +2,14 @@
 
 import math
 import xml.etree.ElementTree as ET
+from bisect import bisect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain, pairwise
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from drl_av.road.road import Road
+from drl_av.road.road import Road, SpeedLimit
+from drl_av.scenarios.road_description import RoadDescription
 
 Point = tuple[float, float]
 """The coordinates x and y of a place in sumo-gui, metres."""
@@ -27,9 +30,9 @@ class OpenStart(NamedTuple):
     """Position of the ego's front bumper at the start."""
     ego_speed_m_s: float | None = None
     """Speed of the ego at the start; None is a safe speed behind the vehicle ahead."""
-    speed_limits: tuple[tuple[float, float], ...] = ()
-    """One pair for each part of the road, in driving order: the position of its end, metres, and
-    its speed limit, m/s. Empty if the road has one limit, which no setting may exceed."""
+    speed_limits: tuple[SpeedLimit, ...] = ()
+    """The speed limits of ``lanes``, in driving order without gaps. Empty if the road has one
+    limit, which no setting may exceed."""
 
 
 class Edge(NamedTuple):
@@ -42,12 +45,19 @@ class Edge(NamedTuple):
     """Indices of its lanes on the road, rightmost first."""
     drawn_aside_m: tuple[float, float] = (0.0, 0.0)
     """Shift to the right of its beginning and of its end in the picture of sumo-gui, metres."""
-    speed_limit_m_s: float | None = None
-    """None is the speed limit of the description."""
+    lane_limits_m_s: tuple[float, ...] = ()
+    """The speed limit of each of ``lanes``; empty for the speed limit of the description."""
+    lane_attributes: Mapping[int, Mapping[str, str]] = MappingProxyType({})
+    """Further SUMO attributes of single lanes, by the index of the lane on the road."""
     shape: tuple[Point, ...] = ()
     """Points of the line along which sumo-gui draws the edge; empty for a straight edge."""
     spread: str = "right"
     """SUMO's spreadType: how its lanes lie about ``shape``."""
+
+    @property
+    def speed_limit_m_s(self) -> float | None:
+        """The lowest speed limit of its lanes; None for the speed limit of the description."""
+        return min(self.lane_limits_m_s, default=None)
 
 
 class OpenPlan(NamedTuple):
@@ -116,7 +126,7 @@ class RoadType(NamedTuple):
     """
 
     meaning: str
-    description: type[Any]
+    description: type[RoadDescription]
     """A frozen dataclass; the command line shows the metadata of its fields as help."""
     network_text: Callable[[Any], str]
     """Returns the text of the network file."""
@@ -138,14 +148,14 @@ PIECE_M = 400.0
 def split_long_edges(plan: OpenPlan) -> OpenPlan:
     """Return a plan with the edges and routes that its road has in SUMO.
 
-    The last edges extend beyond the end of the ego's way. A straight edge longer than ``LONGEST_M``
-    is divided: for each vehicle SUMO looks at all vehicles in the same lane of the edge, so the
-    time of a step would grow with the square of their number.
+    The last edges extend beyond the end of the ego's way. An edge longer than ``LONGEST_M`` is
+    divided: for each vehicle SUMO looks at all vehicles in the same lane of the edge, so the time
+    of a step would grow with the square of their number.
     """
     end_m = plan.road.end_m
     run_out_m = 0.0 if any(edge.begin_m == end_m for edge in plan.edges) else RUN_OUT_M
     pieces = {
-        edge.id: _pieces(edge._replace(end_m=end_m + run_out_m) if edge.end_m == end_m else edge)
+        edge.id: pieces_of(edge._replace(end_m=end_m + run_out_m) if edge.end_m == end_m else edge)
         for edge in plan.edges
     }
     routes = {
@@ -155,27 +165,70 @@ def split_long_edges(plan: OpenPlan) -> OpenPlan:
     return plan._replace(edges=tuple(chain(*pieces.values())), routes=routes)
 
 
-def _pieces(edge: Edge) -> list[Edge]:
+def pieces_of(edge: Edge) -> list[Edge]:
     """Return the pieces of an edge, of equal length up to a metre; the first one keeps its id."""
     length_m = edge.end_m - edge.begin_m
-    if length_m <= LONGEST_M or edge.shape:
+    if length_m <= LONGEST_M:
         return [edge]
     count = math.ceil(length_m / PIECE_M)
-    cuts_m = [edge.begin_m + round(length_m * cut / count) for cut in range(count)] + [edge.end_m]
+    cuts_m = [edge.begin_m + round(length_m * cut / count) for cut in range(1, count)]
+    return cut_edge(edge, cuts_m)
+
+
+def cut_edge(edge: Edge, cuts_m: Sequence[float], name: str = "") -> list[Edge]:
+    """Return the parts of an edge between ascending positions, metres along the road.
+
+    The first part keeps the id of the edge; the others add ``name`` and a number to it.
+    """
+    length_m = edge.end_m - edge.begin_m
     first_m, last_m = edge.drawn_aside_m
     slope = (last_m - first_m) / length_m
+    shares = [(cut_m - edge.begin_m) / length_m for cut_m in (edge.begin_m, *cuts_m, edge.end_m)]
+    shapes = cut_line(edge.shape, shares) if edge.shape else [()] * (len(cuts_m) + 1)
     return [
         edge._replace(
-            id=f"{edge.id}.{number}" if number else edge.id,
+            id=f"{edge.id}.{name}{number}" if number else edge.id,
             begin_m=begin_m,
             end_m=end_m,
             drawn_aside_m=(
                 first_m + slope * (begin_m - edge.begin_m),
                 first_m + slope * (end_m - edge.begin_m),
             ),
+            shape=shape,
         )
-        for number, (begin_m, end_m) in enumerate(pairwise(cuts_m))
+        for number, ((begin_m, end_m), shape) in enumerate(
+            zip(pairwise([edge.begin_m, *cuts_m, edge.end_m]), shapes, strict=True)
+        )
     ]
+
+
+def cut_line(points: Sequence[Point], shares: Sequence[float]) -> list[tuple[Point, ...]]:
+    """Return the parts of a line between ascending shares of its length, from 0 to 1."""
+    ways_m = [0.0]
+    for begin, end in pairwise(points):
+        ways_m.append(ways_m[-1] + math.dist(begin, end))
+    if not ways_m[-1]:
+        return [tuple(points)] * (len(shares) - 1)
+    parts = []
+    for low, high in pairwise(shares):
+        from_m, to_m = low * ways_m[-1], high * ways_m[-1]
+        inner = [
+            point
+            for point, way_m in zip(points, ways_m, strict=True)
+            if from_m + ROUNDING_M < way_m < to_m - ROUNDING_M
+        ]
+        ends = [points[0] if low == 0.0 else _point_on(points, ways_m, from_m)]
+        ends.append(points[-1] if high == 1.0 else _point_on(points, ways_m, to_m))
+        parts.append((ends[0], *inner, ends[1]))
+    return parts
+
+
+def _point_on(points: Sequence[Point], ways_m: Sequence[float], at_m: float) -> Point:
+    """Return the point of a line at a distance along it; ``ways_m`` are those of its points."""
+    row = min(max(bisect(ways_m, at_m), 1), len(points) - 1)
+    share = (at_m - ways_m[row - 1]) / max(ways_m[row] - ways_m[row - 1], ROUNDING_M)
+    x_m, y_m = (a + share * (b - a) for a, b in zip(points[row - 1], points[row], strict=True))
+    return x_m, y_m
 
 
 ROUNDING_M = 0.001

@@ -1,18 +1,26 @@
 """Open roads as SUMO networks: the plan of a road, and functions that write and read it."""
 
 import xml.etree.ElementTree as ET
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from itertools import zip_longest
 from operator import itemgetter
-from typing import ClassVar
 
+from drl_av.config import TrafficConfig
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
+from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.custom_types import CustomVehicleType
-from drl_av.scenarios.demo_traffic import traffic
-from drl_av.scenarios.layout import Edge, Layout, OpenPlan, Point, RoadType, split_long_edges
-from drl_av.scenarios.netconvert import PRECISION, netconvert
+from drl_av.scenarios.layout import (
+    Edge,
+    Layout,
+    OpenPlan,
+    Point,
+    RoadType,
+    route_on,
+    split_long_edges,
+)
+from drl_av.scenarios.netconvert import DEMO_END_S, PRECISION, netconvert, vehicle_element
 from drl_av.scenarios.road_description import (
     LANE_WIDTH_M,
     LANES,
@@ -20,20 +28,24 @@ from drl_av.scenarios.road_description import (
     VEHICLE_LENGTH_M,
     VEHICLE_WIDTH_M,
     PlacedVehicle,
+    RoadDescription,
     check_placed,
     check_sizes,
-    toml_text,
 )
 
 START_M = 300.0
 """Position at which the ego starts on a highway; it is larger than the ego's sensor range."""
 BEYOND_M = 250.0
 """Length of road with other vehicles beyond the end of the ego's way: the ego's sensor range."""
+EGO_DEPARTS_S = 60
+"""Time at which the ego enters in the demo traffic, if the other vehicles come as an inflow."""
 TOLERANCE = 1e-6
+LANE_ATTRIBUTES = ("changeLeft", "changeRight")
+"""The SUMO attributes of single lanes that must be as described (netconvert guesses others)."""
 
 
 @dataclass(frozen=True)
-class OpenDescription(ABC):
+class OpenDescription(RoadDescription):
     """The settings that all open roads have; a subclass adds its own settings and the plan.
 
     Raises:
@@ -51,9 +63,6 @@ class OpenDescription(ABC):
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
-    """The user's own vehicle types and their shares; all other vehicles have the size above."""
-    limits_vary: ClassVar[bool] = False
-    """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -80,9 +89,13 @@ class OpenDescription(ABC):
     def plan(self) -> OpenPlan:
         """Return the plan of the described road: its edges, routes, lanes and start positions."""
 
-    def to_toml(self) -> str:
-        """Return the fields of the description as TOML text, without the kind of scenario."""
-        return toml_text(self)
+    def speed_limit_at(self, lane: int, front_m: float) -> float:
+        """Return the speed limit at a position of a lane, m/s."""
+        limits = self.plan().road.speed_limits
+        for begin_m, end_m, limit_m_s in limits[lane] if limits else ():
+            if begin_m <= front_m < end_m:
+                return limit_m_s
+        return self.speed_limit_m_s
 
 
 def open_road_type(meaning: str, description: type[OpenDescription]) -> RoadType:
@@ -126,22 +139,29 @@ def _add_edge(
     line_m = -(leftmost - edge.lanes[-1]) * description.lane_width_m
     ends = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
     shape = edge.shape or tuple((s_m, line_m - aside_m) for s_m, aside_m in ends)
-    ET.SubElement(
+    limits = _limits(edge, description)
+    element = ET.SubElement(
         root,
         "edge",
         {"id": edge.id, "from": nodes[0], "to": nodes[1]},
         numLanes=str(len(edge.lanes)),
-        speed=repr(_speed_limit(edge, description)),
+        speed=repr(max(limits)),
         width=repr(description.lane_width_m),
         length=repr(edge.end_m - edge.begin_m),
         spreadType=edge.spread,
         shape=" ".join(f"{_text(x_m)},{_text(y_m)}" for x_m, y_m in shape),
     )
+    for index, (lane, limit_m_s) in enumerate(zip(edge.lanes, limits, strict=True)):
+        further = dict(edge.lane_attributes.get(lane, {}))
+        if limit_m_s != max(limits):
+            further["speed"] = repr(limit_m_s)
+        if further:
+            ET.SubElement(element, "lane", {"index": str(index)} | further)
 
 
-def _speed_limit(edge: Edge, description: OpenDescription) -> float:
-    limit_m_s = edge.speed_limit_m_s
-    return description.speed_limit_m_s if limit_m_s is None else limit_m_s
+def _limits(edge: Edge, description: OpenDescription) -> tuple[float, ...]:
+    """Return the speed limit of each lane of an edge, m/s."""
+    return edge.lane_limits_m_s or (description.speed_limit_m_s,) * len(edge.lanes)
 
 
 def _text(value_m: float) -> str:
@@ -205,12 +225,13 @@ def _difference(
     for _, lane in lanes:
         lane_id = lane.attrib["id"]
         edge = wanted[lane_id]
+        index = int(lane_id.rpartition("_")[2])
         if lane.get("allow") is not None or lane.get("disallow") is not None:
             return f"has lane {lane_id!r} for some kinds of vehicles only"
         for attribute, value in (
             ("length", edge.end_m - edge.begin_m),
             ("width", description.lane_width_m),
-            ("speed", _speed_limit(edge, description)),
+            ("speed", _limits(edge, description)[index]),
         ):
             try:
                 number = float(lane.get(attribute, "nan"))
@@ -218,4 +239,75 @@ def _difference(
                 number = float("nan")
             if not abs(number - value) <= TOLERANCE:
                 return f"has {attribute} {lane.get(attribute)} on lane {lane_id!r}, not {value:g}"
+        further = edge.lane_attributes.get(edge.lanes[index], {})
+        for attribute in LANE_ATTRIBUTES:
+            if (found := lane.get(attribute)) != (need := further.get(attribute)):
+                return f"has {attribute} {found!r} on lane {lane_id!r}, not {need!r}"
     return None
+
+
+def traffic(description: OpenDescription) -> ET.Element:
+    """Return SUMO's route file: the vehicles that the scenario places, or an inflow and an ego."""
+    plan = split_long_edges(description.plan())
+    root = ET.Element("routes")
+    for name, edges in plan.routes.items():
+        ET.SubElement(root, "route", id=name, edges=" ".join(edges))
+    if description.vehicles:
+        _place(root, description, plan)
+    else:
+        _let_enter(root, description, plan)
+    return root
+
+
+def _place(root: ET.Element, description: OpenDescription, plan: OpenPlan) -> None:
+    """Add the vehicles that the scenario places exactly; no others enter."""
+    for vehicle in description.vehicles:
+        edge = next(
+            edge
+            for edge in reversed(plan.edges)
+            if edge.begin_m <= vehicle.position_m and vehicle.lane in edge.lanes
+        )
+        is_way = vehicle.id == EGO_ID or plan.road.is_partial(vehicle.lane)
+        name = route_on(plan.routes, edge.id, is_way)
+        vehicle_element(
+            root,
+            vehicle,
+            description.speed_limit_m_s,
+            route=name,
+            departEdge=str(plan.routes[name].index(edge.id)),
+            departLane=str(vehicle.lane - edge.lanes[0]),
+            departPos=f"{vehicle.position_m - edge.begin_m:.2f}",
+        )
+
+
+def _let_enter(root: ET.Element, description: OpenDescription, plan: OpenPlan) -> None:
+    """Add an inflow in each lane, and the ego, which enters later."""
+    traffic, limit_m_s = TrafficConfig(), description.speed_limit_m_s
+    desired_m_s = (traffic.desired_speed_min_m_s + traffic.desired_speed_max_m_s) / 2
+    first, *_, last = [*plan.routes, *plan.routes]
+    lanes = {edge.id: edge.lanes for edge in plan.edges}
+    entry, ego_entry = (lanes[plan.routes[name][0]] for name in (first, last))
+    for lane in plan.start.lanes if description.flow_per_h else ():
+        ET.SubElement(
+            root,
+            "flow",
+            id=f"flow{lane}",
+            type="traffic",
+            route=first,
+            begin="0",
+            end=str(DEMO_END_S),
+            vehsPerHour=repr(description.flow_per_h),
+            departLane=str(lane - entry[0]),
+            departSpeed="max",
+            speedFactor=f"{min(desired_m_s / limit_m_s, 1.0):.4f}",
+        )
+    ET.SubElement(
+        root,
+        "vehicle",
+        id="ego",
+        type="ego",
+        route=last,
+        depart=str(EGO_DEPARTS_S),
+        departLane=str((plan.start.ego_lane or ego_entry[0]) - ego_entry[0]),
+        departSpeed=repr(min(plan.start.ego_speed_m_s or 20.0, description.speed_limit_m_s)),
+    )

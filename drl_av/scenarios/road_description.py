@@ -2,8 +2,9 @@
 
 import math
 import re
+from abc import ABC
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import Field, asdict, dataclass, field, fields
 from functools import partial
 from typing import Any, ClassVar
 
@@ -38,6 +39,8 @@ MOST_VEHICLES = 3000
 The time of a SUMO step grows with the square of the number of vehicles in a lane, because the
 sublane model looks for followers among all of them."""
 TYPES = "vehicle_types"
+REQUIRED = ("id", "share", "length_m", "width_m", "car_following_model")
+"""The keys of a vehicle type that a description always states."""
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
 TimedChange = tuple[float, int]
 """The time since the start of the episode, seconds, and the lane to which the vehicle changes."""
@@ -77,8 +80,36 @@ class PlacedVehicle:
         object.__setattr__(self, "lane_changes", changes)
 
 
+class RoadDescription(ABC):
+    """What the descriptions of all kinds of roads have: frozen dataclasses with these fields."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    lanes: int
+    lane_width_m: float
+    speed_limit_m_s: float
+    """The speed limit of the road, or the lowest one if it varies."""
+    vehicle_length_m: float
+    vehicle_width_m: float
+    vehicles: tuple[PlacedVehicle, ...]
+    vehicle_types: tuple[CustomVehicleType, ...]
+    """The user's own vehicle types and their shares; all other vehicles have the size above."""
+
+    def to_toml(self) -> str:
+        """Return the description as TOML text, without its kind; ``from_toml`` reads it back."""
+        return toml_text(self)
+
+    def speed_limit_at(self, lane: int, front_m: float) -> float:
+        """Return the speed limit of a vehicle whose front is at a position of a lane, m/s."""
+        return self.speed_limit_m_s
+
+    @property
+    def summary(self) -> str:
+        """What was made of the user's own files, in a few lines; "" if there are none."""
+        return ""
+
+
 @dataclass(frozen=True)
-class ScenarioDescription:
+class ScenarioDescription(RoadDescription):
     """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
 
     Raises:
@@ -100,9 +131,6 @@ class ScenarioDescription:
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
-    """The user's own vehicle types and their shares; all other vehicles have the size above."""
-    limits_vary: ClassVar[bool] = False
-    """Whether the speed limit may be higher on parts of the road than ``speed_limit_m_s``."""
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -114,10 +142,6 @@ class ScenarioDescription:
     def open_lanes(self) -> tuple[bool, ...]:
         """One flag for each lane, rightmost first; False if it is barricaded."""
         return tuple(lane not in self.barricaded_lanes for lane in range(self.lanes))
-
-    def to_toml(self) -> str:
-        """Return the description as TOML text; ``from_toml`` reads an equal description from it."""
-        return toml_text(self)
 
     def _check_radius(self) -> None:
         """Raise ScenarioError if the loop is too short for its lanes."""
@@ -161,7 +185,7 @@ class ScenarioDescription:
             check_placed(self, number, lanes, self.circumference_m)
 
 
-def toml_text(description: Any, **changed: str) -> str:
+def toml_text(description: RoadDescription, **changed: str | float) -> str:
     """Return a description as TOML text, without its kind.
 
     The keys of the user's own vehicle types and of a vehicle's lane changes are left out if there
@@ -172,16 +196,21 @@ def toml_text(description: Any, **changed: str) -> str:
     for vehicle in values["vehicles"]:
         if not vehicle["lane_changes"]:
             del vehicle["lane_changes"]
+    usual = CustomVehicleType("usual", 0.0, LENGTHS_M[0], WIDTHS_M[0])
+    values[TYPES] = [
+        {key: value for key, value in kind.items() if key in REQUIRED or value != vars(usual)[key]}
+        for kind in values[TYPES]
+    ]
     return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
 
 
-def longest_m(description: Any) -> float:
+def longest_m(description: RoadDescription) -> float:
     """Return the length of the longest vehicle of a description, metres."""
-    types: tuple[CustomVehicleType, ...] = description.vehicle_types
-    return float(max([description.vehicle_length_m, *(each.length_m for each in types)]))
+    types = description.vehicle_types
+    return max([description.vehicle_length_m, *(each.length_m for each in types)])
 
 
-def check_sizes(description: Any) -> None:
+def check_sizes(description: RoadDescription) -> None:
     """Check a description's numbers and vehicle types; convert whole numbers in float fields.
 
     Raises:
@@ -230,10 +259,11 @@ def check_placed(
             in ``lanes``, or overlaps or has the same id as a vehicle with a smaller index.
     """
     vehicle, long_m = description.vehicles[number], description.vehicle_length_m
-    if vehicle.speed_m_s > description.speed_limit_m_s:
+    limit_m_s = description.speed_limit_at(vehicle.lane, vehicle.position_m)
+    if vehicle.speed_m_s > limit_m_s:
         raise ScenarioError(
             f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
-            f"faster than the scenario's speed_limit_m_s, {description.speed_limit_m_s:g}."
+            f"faster than the scenario's speed_limit_m_s, {limit_m_s:g}."
         )
     for time_s, to in vehicle.lane_changes:
         if to not in lanes:

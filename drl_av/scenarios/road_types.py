@@ -4,13 +4,12 @@ To add a kind, write its file and add a line to ``ROAD_TYPES``, from which the h
 line and the docs are generated.
 """
 
-from typing import Any
-
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.highways import EXIT, MERGE, RAMP_TO_RAMP, STRAIGHT
 from drl_av.scenarios.imported.description import IMPORTED
 from drl_av.scenarios.layout import RoadType
 from drl_av.scenarios.loop import LOOP
+from drl_av.scenarios.road_description import RoadDescription
 
 ROAD_TYPES: dict[str, RoadType] = {
     "loop": LOOP,
@@ -22,7 +21,7 @@ ROAD_TYPES: dict[str, RoadType] = {
 }
 
 
-def road_type_name(description: Any) -> str:
+def road_type_name(description: RoadDescription) -> str:
     """Return the name of the kind of scenario to which a description belongs.
 
     Raises:
@@ -37,7 +36,7 @@ def road_type_name(description: Any) -> str:
     )
 
 
-def road_type_of(description: Any) -> RoadType:
+def road_type_of(description: RoadDescription) -> RoadType:
     """Return the kind of scenario to which a description belongs.
 
     Raises:
@@ -46,7 +45,7 @@ def road_type_of(description: Any) -> RoadType:
     return ROAD_TYPES[road_type_name(description)]
 
 
-def stated_road_type(description: Any) -> str:
+def stated_road_type(description: RoadDescription) -> str:
     """Return the TOML line that names the kind; "" for a loop, whose file has no such line."""
     name = road_type_name(description)
     return "" if name == "loop" else f'kind = "{name}"\n'

@@ -5,6 +5,8 @@ scenario folder may come from another person. Therefore each file is checked her
 it.
 """
 
+import codecs
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +17,8 @@ from drl_av.errors import ScenarioError
 MAX_BYTES = 64_000_000
 MAX_DEPTH = 8
 """Largest depth of nested elements in a network file that the user provides."""
+DECLARATION = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+"""The start of an XML file that declares its encoding."""
 GZIP = b"\x1f\x8b"
 """The first bytes of a compressed file."""
 NETWORK = {
@@ -76,39 +80,62 @@ def read_xml(path: Path, elements: Mapping[str, str], remedy: str) -> ET.Element
     return root
 
 
-def parse_xml(path: Path, target: Any, remedy: str) -> Any:
+def parse_xml(path: Path, target: Any, remedy: str, if_too_large: str = "") -> Any:
     """Parse an XML file with the parser target ``target``; return the result of its ``close``.
 
-    The target may refuse an element with a ValueError; its message says what is wrong in the file.
+    The text has the encoding that the file declares; without a declaration it is UTF-8, or UTF-16
+    with a byte order mark. The target may refuse an element with a ValueError; its message says
+    what is wrong in the file.
 
     Raises:
         ScenarioError: the file is missing, not a regular file, too large or damaged, or the target
-            refuses it; each of these messages ends with ``remedy``. Or the file is compressed.
+            refuses it; each of these messages ends with ``remedy``, or with ``if_too_large``. Or
+            the file is compressed.
     """
-    data = read_regular_file(path, remedy)
+    data = read_regular_file(path, remedy, if_too_large or remedy)
     if data.startswith(GZIP):
         raise ScenarioError(f"{path} is compressed: unpack it with gunzip.")
-    parser = ET.XMLParser(target=target)
+    parser = ET.XMLParser(target=target, encoding="utf-8")  # overrides the file's declaration
     try:
-        parser.feed(data.decode("utf-8-sig").encode())
+        text = _decoded(data)
+    except LookupError as error:
+        raise ScenarioError(
+            f"{path} has an encoding that Python does not know ({error}): save it as UTF-8."
+        ) from error
+    except UnicodeError as error:
+        raise ScenarioError(f"{path} is damaged or cut short ({error}): {remedy}.") from error
+    try:
+        parser.feed(text.encode())
         return parser.close()
-    except (ET.ParseError, LookupError, UnicodeDecodeError) as error:
+    except (ET.ParseError, LookupError, UnicodeError) as error:
         raise ScenarioError(f"{path} is damaged or cut short ({error}): {remedy}.") from error
     except ValueError as error:
         raise ScenarioError(f"{path} cannot be used, {error}: {remedy}.") from error
 
 
-def read_regular_file(path: Path, remedy: str) -> bytes:
-    """Return the bytes of a file; each error message ends with ``remedy``.
+def _decoded(data: bytes) -> str:
+    """Return the text of an XML file, in the encoding of its byte order mark or declaration."""
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return data.decode("utf-16")
+    if data[:2] in (b"<\0", b"\0<"):
+        return data.decode("utf-16-le" if data[0] else "utf-16-be")
+    declared = DECLARATION.match(data)
+    return data.decode(declared[1].decode() if declared else "utf-8-sig")
+
+
+def read_regular_file(path: Path, remedy: str, if_too_large: str = "") -> bytes:
+    """Return the bytes of a file; an error message ends with ``remedy`` or ``if_too_large``.
 
     Raises:
         ScenarioError: the file is missing, unreadable, not a regular file, or larger than 64 MB.
     """
     try:
         if path.exists() and not path.is_file():
-            raise ScenarioError(f"{path} is no regular file: {remedy}.")
+            kind = "a folder" if path.is_dir() else "a pipe or a device"
+            raise ScenarioError(f"{path} is no regular file, but {kind}: copy it to a file.")
         if path.stat().st_size > MAX_BYTES:
-            raise ScenarioError(f"{path} is larger than {MAX_BYTES // 10**6} MB: {remedy}.")
+            limit = f"{path} is larger than {MAX_BYTES // 10**6} MB"
+            raise ScenarioError(f"{limit}: {if_too_large or remedy}.")
         return path.read_bytes()
     except FileNotFoundError as error:
         raise ScenarioError(f"{path} is missing: {remedy}.") from error

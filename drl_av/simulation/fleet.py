@@ -1,7 +1,7 @@
 """The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from itertools import islice
+from itertools import chain, islice, repeat
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ from drl_av.simulation.population import (
     random_lane_changes,
     require_speed_limit,
     require_truck_width,
+    with_stated_values,
 )
 
 
@@ -54,9 +55,10 @@ class Fleet:
     width_m: FloatArray
 
     def __init__(self, scenario: Scenario, config: Config) -> None:
-        require_speed_limit(config, scenario.description)
+        require_speed_limit(config, scenario.description, bool(scenario.road.speed_limits))
         require_truck_width(config, scenario.description)
         self.scenario, self._config, self._start = scenario, config, scenario.layout.start
+        self._road, self._size_of = scenario.road, scenario.vehicle_types.by_id
         if self._start is not None and self.placed is None:
             require_reachable(scenario.road, self._start, config.ego)
         if self._start is not None and sum(config.traffic.shares) > 0:
@@ -86,7 +88,7 @@ class Fleet:
         length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
         if self._start is not None:
             return open_capacity(self._start, length_m, traffic.start_gap_m) - 1
-        return capacity(self.scenario.road, length_m, traffic.start_gap_m) - 1
+        return capacity(self._road, length_m, traffic.start_gap_m) - 1
 
     @property
     def placed(self) -> int | None:
@@ -117,7 +119,9 @@ class Fleet:
         rng, description = np.random.default_rng(seed), self.scenario.description
         config, length_m, start = self._config, description.vehicle_length_m, self._start
         self._inflow = None
-        self._types = draw_types(seed, description.vehicle_types)
+        self._types: Iterator[str] = chain(["ego"], repeat("traffic"))
+        if description.vehicle_types:
+            self._types = draw_types(seed, description.vehicle_types)
         self._timed_changes = [
             (time_s, vehicle.id, to)
             for vehicle in description.vehicles
@@ -126,14 +130,12 @@ class Fleet:
         if description.vehicles:
             self._describe(placed_population(description.vehicles, config.traffic))
         elif start is None:
-            road = self.scenario.road
-            self._describe(
-                draw_population(rng, vehicles, road, length_m, config.traffic, config.ego)
-            )
+            own = (self._road, length_m, config.traffic, config.ego)
+            self._describe(draw_population(rng, vehicles, *own))
         else:
-            own = (start, length_m, config.traffic, config.ego)
-            self._describe(draw_open_population(rng, vehicles, *own))
-            self._inflow = Inflow(rng.spawn(1)[0], vehicles, *own)
+            its = (start, length_m, config.traffic, config.ego)
+            self._describe(draw_open_population(rng, vehicles, *its))
+            self._inflow = Inflow(rng.spawn(1)[0], vehicles, *its)
         rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
         self._lane_changes = (
             random_lane_changes(rng, len(self.ids), rate)
@@ -167,7 +169,7 @@ class Fleet:
             return changes
         due = [(name, to) for at_s, name, to in self._timed_changes if at_s <= time_s]
         self._timed_changes = [each for each in self._timed_changes if each[0] > time_s]
-        ids, lane_of = self.ids, self.scenario.road.lane_of
+        ids, lane_of = self.ids, self._road.lane_of
         rows = [(ids.index(name), to) for name, to in due if name in ids]
         set_changes = [(row, to - lane_of(y_m[row])) for row, to in rows]
         return [*changes, *(each for each in set_changes if each[1])]
@@ -179,7 +181,7 @@ class Fleet:
         if self._inflow is None:  # drawn for the vehicles at the start, some of which have left
             named = [(self.population.ids[row], side) for row, side in changes]
             changes = [(self.ids.index(name), side) for name, side in named if name in self.ids]
-        lane_of = self.scenario.road.lane_of
+        lane_of = self._road.lane_of
         return [(row, side) for row, side in changes if lane_of(y_m[row]) + side in lanes]
 
     def update_open_road(
@@ -206,6 +208,10 @@ class Fleet:
             return None
         new_types = [*islice(self._types, len(entering))]
         new_sizes_m = self._sizes_m(new_types, [bool(one.is_truck[0]) for one in entering])
+        entering = [
+            self._with_stated(one, [name], new_sizes_m[0, [row]])
+            for row, (one, name) in enumerate(zip(entering, new_types, strict=True))
+        ]
         self.ids = (*(self.ids[row] for row in kept), *(one.ids[0] for one in entering))
         self.type_ids = [*(self.type_ids[row] for row in kept), *new_types]
         sizes_m = np.array((self.length_m, self.width_m))[:, kept]
@@ -226,7 +232,7 @@ class Fleet:
         Lanes that no vehicle enters may be missing.
         """
         last: dict[int, Last] = {}
-        lane_of, entered = self.scenario.road.lane_of, set(start.lanes)
+        lane_of, entered = self._road.lane_of, set(start.lanes)
         rear_m = [
             at_m - length_m / 2 for at_m, length_m in zip(s_m, self.length_m.tolist(), strict=True)
         ]
@@ -240,13 +246,22 @@ class Fleet:
 
     def _describe(self, population: Population) -> None:
         """Set the vehicles at the start of an episode, their types and their sizes."""
-        self.population, self.ids = population, population.ids
+        self.ids = population.ids
         self.type_ids = [*islice(self._types, len(self.ids))]
         self.length_m, self.width_m = self._sizes_m(self.type_ids, population.is_truck)
+        self.population = self._with_stated(population, self.type_ids, self.length_m)
+
+    def _with_stated(
+        self, population: Population, type_ids: Sequence[str], length_m: FloatArray
+    ) -> Population:
+        """Return a population whose vehicles have what the user's own types state for them."""
+        own = {each.id: each.stated for each in self.scenario.description.vehicle_types}
+        stated = [own.get(name, {}) for name in type_ids]
+        return with_stated_values(population, stated, length_m, self.scenario.road.lap_m)
 
     def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
         """Return the lengths and the widths of vehicles, metres, shape (2, n)."""
-        types, traffic = self.scenario.vehicle_types.by_id, self._config.traffic
+        types, traffic = self._size_of, self._config.traffic
         truck_m = traffic.truck_length_m, traffic.truck_width_m
         sizes_m = [
             truck_m if truck else (types[name].length_m, types[name].width_m)

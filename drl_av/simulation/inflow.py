@@ -9,12 +9,14 @@ import numpy.typing as npt
 
 from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.road import FloatArray
+from drl_av.road.road import allowed_speed
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_description import MOST_VEHICLES
 from drl_av.simulation.population import Population, draw_trucks, pitches_m, with_drivers
 from drl_av.simulation.start_positions import StartPositions, ring_places, safe_speed
 
+START_STEP_S = 1.0
+"""A vehicle starts slow enough to begin to brake for a speed limit this much later, seconds."""
 SUPPLY = 64
 """Number of entering vehicles whose parameters are drawn at once."""
 
@@ -30,16 +32,9 @@ def flow_speed(start: OpenStart, traffic: TrafficConfig) -> float:
     wanted_m_s = max(traffic.desired_speed_min_m_s, 1.0)
     if not start.speed_limits:
         return wanted_m_s
-    ends_m, limits = np.array(start.speed_limits).T
-    lengths_m = np.diff(ends_m, prepend=0.0)
+    begins_m, ends_m, limits = np.array(start.speed_limits).T
+    lengths_m = ends_m - begins_m
     return float(ends_m[-1] / (lengths_m / np.minimum(limits, wanted_m_s)).sum())
-
-
-def speed_limit(start: OpenStart, front_m: float | FloatArray) -> FloatArray:
-    """Return the speed limit, m/s, at each position ``front_m``; inf on a road without limits."""
-    ends_m, limits = np.array(start.speed_limits or [(np.inf, np.inf)]).T
-    found: FloatArray = limits[np.searchsorted(ends_m[:-1], front_m, side="right")]
-    return found
 
 
 def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
@@ -83,7 +78,9 @@ def draw_open_population(
     front_m = (from_ego_m + start.ego_front_m - first_m) % ring_m + first_m
     places = places._replace(front_m=front_m)
     population = with_drivers(rng, streams, places, is_truck, traffic, ego)
-    population.speed_m_s[:] = np.minimum(population.speed_m_s, speed_limit(start, front_m))
+    for row, at_m in enumerate(front_m.tolist() if start.speed_limits else ()):
+        allowed = allowed_speed(start.speed_limits, at_m, START_STEP_S)
+        population.speed_m_s[row] = min(population.speed_m_s[row], allowed)
     if start.ego_speed_m_s is not None:
         population.speed_m_s[0] = min(start.ego_speed_m_s, ego.max_speed_m_s)
     return population
@@ -127,7 +124,7 @@ class Inflow:
     ) -> None:
         self._rng, self._traffic, self._ego = rng, traffic, ego
         self._length_m, self._lanes = length_m, start.lanes
-        self._limit_m_s = float(speed_limit(start, 0.0))
+        self._limit_m_s = allowed_speed(start.speed_limits, 0.0, START_STEP_S)
         speed_m_s = flow_speed(start, traffic)
         self._shortest_s = (traffic.longest_m(length_m) + traffic.start_gap_m) / speed_m_s
         per_s = vehicles / start.span_m / len(start.lanes) * speed_m_s

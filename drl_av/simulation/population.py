@@ -1,7 +1,8 @@
 """The vehicles at the start of an episode, with random positions and parameters."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from operator import attrgetter
 
@@ -13,7 +14,7 @@ from drl_av.errors import ConfigError, ScenarioError, pluralize
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO_ID
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, require_ego
+from drl_av.scenarios.road_description import PlacedVehicle, RoadDescription, require_ego
 from drl_av.simulation.start_positions import StartPositions, random_lanes, ring_places, safe_speeds
 
 SPREAD_M = 250.0
@@ -64,27 +65,29 @@ ARRAYS = attrgetter(*(item.name for item in fields(Population)[1:]))
 """Returns the arrays of a population, in the order of its fields."""
 
 
-def require_speed_limit(config: Config, description: ScenarioDescription) -> None:
+def require_speed_limit(
+    config: Config, description: RoadDescription, limits_vary: bool = False
+) -> None:
     """Raise ConfigError if a setting permits a speed above the road's speed limit.
 
     It also raises ConfigError if the scenario starts the ego faster than ``ego.max_speed_m_s``. On
-    a road whose limits vary, the speeds of the other vehicles may be higher: SUMO limits them.
+    a road with limits along it (``limits_vary``) the settings may be higher: the ego and SUMO keep
+    the limits.
     """
     fastest = {"ego.max_speed_m_s": config.ego.max_speed_m_s}
-    if not description.vehicles and not description.limits_vary:
+    if not description.vehicles:
         fastest["traffic.desired_speed_max_m_s"] = config.traffic.desired_speed_max_m_s
         if config.traffic.truck_share:
             fastest["traffic.truck_speed_max_m_s"] = config.traffic.truck_speed_max_m_s
         if config.traffic.fast_share:
             fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
-    option = " by --lowest-limit-m-s" if description.limits_vary else ""
-    for name, speed in fastest.items():
+    for name, speed in () if limits_vary else fastest.items():
         other = " choose another traffic.kind," if name.startswith("traffic.") else ""
         if speed > description.speed_limit_m_s:
             raise ConfigError(
                 f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
                 f"{description.speed_limit_m_s:g}: lower the setting,{other} "
-                f"or write a scenario with a higher limit{option}."
+                "or write a scenario with a higher limit."
             )
     for vehicle in description.vehicles:
         if vehicle.id == EGO_ID and vehicle.speed_m_s > config.ego.max_speed_m_s:
@@ -95,7 +98,7 @@ def require_speed_limit(config: Config, description: ScenarioDescription) -> Non
             )
 
 
-def require_truck_width(config: Config, description: ScenarioDescription) -> None:
+def require_truck_width(config: Config, description: RoadDescription) -> None:
     """Raise ConfigError if trucks can occur and are wider than a lane."""
     width_m, lane_m = config.traffic.truck_width_m, description.lane_width_m
     if config.traffic.truck_share and width_m > lane_m:
@@ -244,12 +247,52 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
     )
 
 
+def with_stated_values(
+    population: Population,
+    stated: Sequence[Mapping[str, float]],
+    length_m: FloatArray,
+    lap_m: float,
+) -> Population:
+    """Return a population whose vehicles have what their types state (``CustomVehicleType``).
+
+    ``stated`` and ``length_m`` have one entry for each row. Each vehicle is then slow enough at the
+    start for its own parameters and for the vehicle ahead.
+    """
+    if not any(stated):
+        return population
+    desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
+    acceleration = population.acceleration_m_s2.copy()
+    for row, values in enumerate(stated):
+        desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
+        headway[row] = values.get("headway_s", headway[row])
+        acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
+    rows = np.arange(len(desired))
+    ahead_m = (population.front_m - population.front_m[:, None]) % lap_m
+    ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
+        math.inf
+    )
+    leader = ahead_m.argmin(axis=1)
+    gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
+    speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
+    if population.ids[0] == EGO_ID:
+        speed[0] = population.speed_m_s[0]
+    return replace(
+        population,
+        speed_m_s=speed,
+        desired_speed_m_s=desired,
+        headway_s=headway,
+        acceleration_m_s2=acceleration,
+    )
+
+
 def draw_driver_models(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
     """Draw the kind of driver of each row by the shares, shape (n,); the ego's is ``Kind.SUMO``.
 
     The kinds have a separate random stream, so they do not change the other parameters.
     """
     limits = np.cumsum(traffic.shares)
+    if not limits[-1]:
+        return np.full(n, DriverModel.SUMO, dtype=np.intp)
     draws = generator(seed, Stream.KINDS_OF_DRIVERS).random(n)
     drawn = (np.searchsorted(limits, draws, side="right") + 1) % len(DriverModel)
     drawn[0] = DriverModel.SUMO

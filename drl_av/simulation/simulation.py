@@ -28,9 +28,9 @@ from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.sumo import connection, require_display, start
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
+    SpeedRequests,
     StateReader,
     ask_for_lane_changes,
-    ask_for_speeds,
     clear_the_road,
     hand_over,
     is_centered,
@@ -38,6 +38,8 @@ from drl_av.simulation.vehicle_calls import (
     spawn,
 )
 
+CROSSES_LINES = "ignoring"
+"""SUMO's class of an ego that we drive: the safety check obeys forbidden lines, SUMO does not."""
 LANE_CHANGE_S = 5.0
 """Time for which SUMO tries to execute a lane change, a random one or one of the scenario."""
 
@@ -99,7 +101,7 @@ class Simulation:
         self._steps = 0
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
-        self._states = StateReader(self._sumo, self.scenario)
+        self._requests = SpeedRequests(self._sumo, self._config.simulation.step_length_s)
         self._watch()
         self._read()
         return self._snapshot()
@@ -108,6 +110,7 @@ class Simulation:
         """Prepare to read the vehicles that are on the road now, and to find their collisions."""
         fleet = self.fleet
         self._states.watch(fleet.ids, fleet.length_m)
+        self._requests.watch(fleet.ids)
         sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
         self._bodies = VehicleRectangles(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
@@ -150,11 +153,10 @@ class Simulation:
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
             near: Sequence[int] = range(EGO + 1, len(ids))
             if self._ego_lateral_speed_m_s is not None:
-                s_m, y_m, speed, _ = self._state
-                near = self._bodies.within_reach(s_m, y_m, speed, commands, timing.step_length_s)
+                near = self._bodies.within_reach(self._state, commands, timing.step_length_s)
             for command in commands:
                 if asks:
-                    ask_for_speeds(vehicle, ids, traffic_commands, self._config)
+                    self._requests(traffic_commands)
                 collision = self._step(command, near)
                 if collision is not None:
                     break
@@ -192,7 +194,7 @@ class Simulation:
             self._populate(vehicle, first)
         self._watch()
         entered = self._states.state(len(kept))
-        self._state = np.concatenate((self._state[:, kept], entered), axis=1)
+        self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
         self._moved = {}
 
     def _put_on_the_road(self, seed: int) -> None:
@@ -207,10 +209,13 @@ class Simulation:
         self._release = weakref.finalize(self, instance.release)
         self._release.atexit = False
         self._sumo = instance.sumo
+        self._states = StateReader(self._sumo, self.scenario)
         files = (self.scenario.network_file, *self.scenario.additional_files)
         view = self.scenario.view_file if self._gui else None
-        start(self._sumo, files, seed, self._config, view)
         timing, limit_m_s = self._config.simulation, self.scenario.description.speed_limit_m_s
+        strip_m = timing.strip_width_m(self.road.lane_width_m)
+        config = self._config.updated("simulation", lateral_resolution_m=strip_m)
+        start(self._sumo, files, seed, config, view)
         longest_s = timing.decisions_per_episode * timing.decision_interval_s
         for name in self.scenario.layout.routes:
             self._sumo.route.add(name, self.scenario.layout.route(name, longest_s * limit_m_s))
@@ -222,6 +227,8 @@ class Simulation:
         for number, name in enumerate(population.ids):
             type_id = fleet.type_ids[first + number]
             spawn(self._sumo.vehicle, population, number, type_id, layout, traffic)
+            if name == EGO_ID and self.road.forbidden_lines:
+                self._sumo.vehicle.setVehicleClass(name, CROSSES_LINES)
             if fleet.driver_models[first + number] != DriverModel.SUMO:
                 leave_to_commands(self._sumo.vehicle, name)
 

@@ -96,7 +96,7 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         ),
         "finite-state, level-k and hard-braking drivers": any(traffic.shares),
         "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
-        "traffic.all_kinds": traffic.all_kinds,
+        "a list of traffic.presets": bool(traffic.presets),
     }
     for what, is_so in refused.items():
         if is_so:

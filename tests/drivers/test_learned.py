@@ -27,11 +27,11 @@ from drl_av.drivers.learned import (
     LearnedDriver,
     Margins,
     Values,
-    considerate,
     learned_driver,
     mean_values,
     mirrored_values,
     network_values,
+    respects_mobil,
 )
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.actions import ACTIONS, Action, Lateral
@@ -127,12 +127,12 @@ def test_a_driver_with_a_check_takes_the_best_action_that_it_permits(refused, ex
         return Verdict(proposed, Rule.NONE)
 
     values = {MAINTAIN: 0.3, ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
-    driver = LearnedDriver(stated(values)).limited_to(considerate(check, MobilConfig()))
+    driver = LearnedDriver(stated(values)).limited_to(respects_mobil(check, MobilConfig()))
     assert driver.act(ALONE, S_T).number == expected
 
 
 def considerate_act(values: dict[int, float], world: Scene) -> int:
-    driver = LearnedDriver(stated(values)).limited_to(considerate(permit_all, MobilConfig()))
+    driver = LearnedDriver(stated(values)).limited_to(respects_mobil(permit_all, MobilConfig()))
     return driver.act(world, S_T).number
 
 

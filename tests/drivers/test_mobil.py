@@ -6,8 +6,11 @@ import pytest
 from worlds import BARRICADED_ROAD, LEFT, RIGHT, Car, ahead, behind, scene
 
 from drl_av.config import Config, MobilConfig
-from drl_av.drivers.rule_based import MobilDriver, idm_acceleration
+from drl_av.drivers.rule_based import MobilDriver
+from drl_av.drivers.rules import mandatory_bias, mobil_gain
 from drl_av.driving.actions import Lateral
+from drl_av.driving.car_following import idm_acceleration
+from drl_av.driving.scene import Scene
 from drl_av.road.road import MandatoryChange
 
 CONFIG = Config()
@@ -30,6 +33,13 @@ def test_idm_behind_a_slower_vehicle() -> None:
     assert found == pytest.approx(-1.466382, abs=1e-4)
 
 
+def gain(world: Scene, sign: int, **mobil: float) -> float:
+    """The gain of a lane change, m/s^2."""
+    values, codes, *_ = world.indicators
+    length_m, most_m_s = float(world.snapshot.length_m[0]), CONFIG.ego.max_speed_m_s
+    return mobil_gain(values, codes, sign, length_m, most_m_s, MobilConfig(**mobil))
+
+
 def act(world, **mobil: float) -> Lateral:
     return driver(**mobil).act(world, None).lateral
 
@@ -37,15 +47,15 @@ def act(world, **mobil: float) -> Lateral:
 def test_free_lane_at_the_left_draws_the_ego_from_behind_a_slow_leader() -> None:
     world = scene(ahead(40, speed_m_s=15), ahead(40, RIGHT, speed_m_s=15))
     # own lane: -1.466; left: 1.5 * (1 - 16/81) = 1.2037; gain 2.67, no other vehicle is affected
-    assert driver().gain(world, 1) == pytest.approx(1.5 * 65 / 81 + 1.466382, abs=1e-4)
-    assert driver().gain(world, -1) == pytest.approx(0.0)
+    assert gain(world, 1) == pytest.approx(1.5 * 65 / 81 + 1.466382, abs=1e-4)
+    assert gain(world, -1) == pytest.approx(0.0)
     assert act(world) is Lateral.LEFT
 
 
 def test_follower_who_would_brake_harder_than_b_safe_forbids_the_change() -> None:
     # 10 m behind at 28 m/s: s* = 2.5 + 30.8 + 28 * 8 / 3.4641 = 97.96, so about -144 m/s2
     world = scene(ahead(40, speed_m_s=15), behind(10, LEFT, 28), ahead(40, RIGHT, 15))
-    assert driver().gain(world, 1) == -math.inf
+    assert gain(world, 1) == -math.inf
     assert act(world) is Lateral.KEEP
 
 
@@ -55,8 +65,8 @@ def test_politeness_gives_up_a_gain_that_costs_the_new_follower_more() -> None:
     # without the ego its road is free, 1.2037: it loses 1.0004
     # the ego: free 1.2037, now s* = 24.5 + 20/3.4641 = 30.2735: 1.5 (65/81 - (30.2735/80)^2)
     own = 1.5 * (30.2735 / 80) ** 2
-    assert driver(politeness=0.0).gain(world, 1) == pytest.approx(own, abs=1e-4)
-    assert driver(politeness=1.0).gain(world, 1) == pytest.approx(own - 1.000417, abs=1e-4)
+    assert gain(world, 1, politeness=0.0) == pytest.approx(own, abs=1e-4)
+    assert gain(world, 1, politeness=1.0) == pytest.approx(own - 1.000417, abs=1e-4)
     assert act(world, politeness=0.0) is Lateral.LEFT
     assert act(world, politeness=1.0) is Lateral.KEEP
 
@@ -66,14 +76,14 @@ def test_old_follower_is_glad_to_see_the_ego_go() -> None:
     alone = scene(ahead(80, speed_m_s=19), ahead(80, RIGHT, 19))
     # behind the ego at 30 m: 0.2033; behind its leader at 30 + 5 + 80 = 115 m, closing 1 m/s:
     # 1.5 (65/81 - (30.2735/115)^2) = 1.0997
-    glad = driver(politeness=1.0).gain(world, 1) - driver(politeness=1.0).gain(alone, 1)
+    glad = gain(world, 1, politeness=1.0) - gain(alone, 1, politeness=1.0)
     assert glad == pytest.approx(1.0997 - 0.2033, abs=1e-3)
 
 
 def test_gain_below_the_threshold_is_not_worth_a_lane_change() -> None:
     world = scene(ahead(200, speed_m_s=20), ahead(200, RIGHT, 20))
     # 1.5 (24.5/200)^2 = 0.0225, less than 0.1
-    assert driver().gain(world, 1) == pytest.approx(0.0225, abs=1e-4)
+    assert gain(world, 1) == pytest.approx(0.0225, abs=1e-4)
     assert act(world) is Lateral.KEEP
     assert act(world, threshold_m_s2=0.0) is Lateral.LEFT
 
@@ -89,14 +99,10 @@ def test_a_barricaded_lane_is_never_entered_however_much_it_would_gain() -> None
 
 
 def test_bias_of_mandatory_lane_changes_grows_as_the_distance_shrinks() -> None:
-    def bias(lanes: int, within_m: float) -> float:
-        world = scene().affordances._replace(mandatory=MandatoryChange(lanes, within_m))
-        return driver().bias(world)
-
-    assert bias(0, math.inf) == 0.0
-    assert bias(1, 1600.0) == pytest.approx(1.0)  # 4 m/s2 from 400 m on
-    assert bias(-2, 1600.0) == pytest.approx(-2.0)
-    assert bias(-2, 800.0) == bias(-2, 0.0) == -4.0
+    assert mandatory_bias(0, math.inf) == 0.0
+    assert mandatory_bias(1, 1600.0) == pytest.approx(1.0)  # 4 m/s2 from 400 m on
+    assert mandatory_bias(-2, 1600.0) == pytest.approx(-2.0)
+    assert mandatory_bias(-2, 800.0) == mandatory_bias(-2, 0.0) == -4.0
 
 
 def test_a_mandatory_change_beats_the_gain_of_the_other_lane_and_not_the_safety_criterion() -> None:

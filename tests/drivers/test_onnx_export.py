@@ -17,7 +17,8 @@ from drl_av.drivers.onnx_interface import described
 from drl_av.drivers.policy_file import PRETRAINED, load_run
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import INDICATORS, SLOTS, ObservationScale
+from drl_av.driving.affordances import INDICATORS, SLOTS
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive

@@ -13,7 +13,7 @@ from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.network import QNetwork
-from drl_av.drivers.policy_file import PRETRAINED, SHIPPED
+from drl_av.drivers.policy_file import PRETRAINED, SHIPPED, save_policy
 from drl_av.drivers.registry import (
     RULE_DRIVERS,
     DriverSpec,
@@ -24,7 +24,6 @@ from drl_av.drivers.registry import (
     make_drivers,
 )
 from drl_av.errors import CheckpointError, RunError
-from drl_av.learning.checkpoint import save_policy
 
 KEEP, LEFT, BRAKE = 0, 8, 2
 

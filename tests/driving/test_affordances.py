@@ -20,7 +20,8 @@ from worlds import (
 )
 
 from drl_av.config import ObservationConfig
-from drl_av.driving.affordances import INDICATORS, Affordances, ObservationScale
+from drl_av.driving.affordances import INDICATORS, Affordances
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
 from drl_av.road.road import Road
 

@@ -8,9 +8,10 @@ from worlds import ROAD, scenes
 
 from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, SimulationConfig
 from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.affordances import INDICATORS, ObservationScale, compute_affordances
+from drl_av.driving.affordances import INDICATORS, compute_affordances
 from drl_av.driving.maneuver import plan
 from drl_av.driving.mirror import MIRROR
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot

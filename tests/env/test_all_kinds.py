@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drl_av.config import SINGLE_PRESETS, Config, TrafficConfig
+from drl_av.config import SINGLE_PRESETS, Config, TrafficConfig, from_toml
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.transition import Observation
 from drl_av.errors import ConfigError
@@ -15,7 +15,7 @@ SEEDS = range(800_000, 800_020)
 
 
 def kind_of(env: HighwayEnv) -> str:
-    simulations = [simulation for simulation, _ in env._kinds]
+    simulations = [simulation for simulation, _ in env._setups]
     return SINGLE_PRESETS[simulations.index(env.simulation)]
 
 
@@ -64,9 +64,20 @@ def test_strict_is_refused_if_one_kind_breaks_its_assumptions(
         HighwayEnv(config=strict)
 
 
-def test_other_settings_beside_all_kinds_are_refused() -> None:
-    few = ALL.updated("traffic", vehicles_max=3)
-    assert {each.traffic.vehicles_max for each in few.of_each_kind} == {3}
-    assert Config().of_each_kind == [Config()]
+def test_each_episode_draws_one_of_the_kinds_that_are_listed() -> None:
+    two = Config().updated("traffic", presets=["hazards", "calm"], vehicles_max=3)
+    kinds = [each.traffic for each in two.per_traffic_preset]
+    assert [kind.standing_share for kind in kinds] == [0.01, 0.0]
+    assert {kind.vehicles_max for kind in kinds} == {3}
+    assert Config().per_traffic_preset == [Config()]
+    assert from_toml(two.to_toml()) == two
+
+
+def test_other_settings_and_unknown_kinds_are_refused() -> None:
     with pytest.raises(ConfigError, match="only vehicles_min and vehicles_max can be set"):
-        TrafficConfig(all_kinds=True, headway_min_s=0.6)
+        TrafficConfig(presets=("calm",), headway_min_s=0.6)
+    for name, said in (("clam", "did you mean .calm."), ("all", "its kinds of traffic are: calm")):
+        with pytest.raises(ConfigError, match=said):
+            Config().updated("traffic", presets=(name,))
+    with pytest.raises(ConfigError, match=r"traffic\.presets is 'calm', but must be of type list"):
+        TrafficConfig(presets="calm")  # type: ignore[arg-type]

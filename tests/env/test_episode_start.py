@@ -10,7 +10,7 @@ from worlds import CENTER
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError

@@ -16,7 +16,6 @@ from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.errors import ConfigError
 from drl_av.evaluation.replay import ReplaySession
 from drl_av.road.snapshot import CollisionKind
 from drl_av.scenarios.folder import write_scenario
@@ -107,16 +106,6 @@ def test_traffic_obeys_the_limit_of_each_edge_and_wants_to_be_faster(tmp_path: P
     assert max(seen[1]) <= 22.0 + 1e-6
     assert max(seen[0]) > 26.0
     assert max(seen[2]) > 26.0
-
-
-def test_an_ego_that_may_exceed_the_lowest_limit_is_refused(tmp_path: Path) -> None:
-    write_scenario(tmp_path / "road", east(lowest_limit_m_s=1.0))
-    with pytest.raises(ConfigError, match=r"speed_m_s is 30, .* 27.78: .* --lowest-limit-m-s"):
-        HighwayEnv(tmp_path / "road")
-    slower = Config().updated("ego", max_speed_m_s=27.0)
-    with closing(HighwayEnv(tmp_path / "road", config=slower)) as env:
-        env.reset(seed=0, options={"vehicles": 3})
-        env.step(KEEP)
 
 
 def test_ego_in_the_lane_of_an_exit_hits_its_end_and_strict_stops_it(tmp_path: Path) -> None:

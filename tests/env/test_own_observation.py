@@ -15,8 +15,9 @@ from worlds import RIGHT as RIGHT_LANE
 
 from drl_av.config import ObservationConfig
 from drl_av.drivers.checked import PolicyDriver
-from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.mirror import MIRROR, mirror_of, mirrored_observations
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.observation import GROUPS, GroupObservation

@@ -13,7 +13,7 @@ from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import draw
 from drl_av.env import renderer
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.renderer import GuiRenderer, PictureRenderer, Renderer, next_caption
+from drl_av.env.renderer import GuiRenderer, PictureRenderer, next_caption
 from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety.check import Rule
 
@@ -107,4 +107,3 @@ def test_no_caption_and_no_picture_is_made_where_nothing_is_rendered(
         env.render()
         env.close()
         assert made == expected
-    assert Renderer().render() is None

@@ -353,3 +353,11 @@ def test_desired_lane_is_within_reach_of_one_lane_change() -> None:
     slow = (ahead(20, RIGHT, 10.0), ahead(25, CENTER, 10.0))
     world = scene(*slow, y_m=RIGHT, speed_m_s=10.0)
     assert wanted_by(world)[1] == pytest.approx(RIGHT)
+
+
+@pytest.mark.parametrize(("aside_m", "y_m"), [(0.3, LEFT), (0.0, LEFT), (-0.3, RIGHT)])
+def test_of_two_lanes_that_are_as_good_the_nearer_one_is_desired(
+    aside_m: float, y_m: float
+) -> None:
+    blocked = scene(ahead(60.0, speed_m_s=10.0), y_m=CENTER + aside_m).affordances
+    assert desired(blocked, RewardConfig(), SafetyConfig()).lateral_m == y_m

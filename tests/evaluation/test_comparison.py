@@ -8,18 +8,22 @@ import os
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from drives import RESULT
 from runs import SHORT, run_folder
 
 from drl_av import cli
+from drl_av.drivers import policy_file, registry
 from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver
+from drl_av.env import highway
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, RunError
@@ -32,6 +36,7 @@ from drl_av.evaluation.statistics import (
     summarize,
     write_summaries,
 )
+from drl_av.simulation.simulation import Simulation
 
 KEEP, LEFT = 0, 8
 
@@ -48,6 +53,34 @@ def test_rows_come_by_vehicles_then_seed_then_driver(env: HighwayEnv) -> None:
     assert [(row.vehicles, row.seed, row.driver) for row in rows] == [
         (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in drivers
     ]
+
+
+def test_two_episodes_need_one_environment_one_policy_one_scenario_and_two_resets(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done = Counter[str]()
+    for owner, name in (
+        (HighwayEnv, "__init__"),
+        (highway, "load_scenario"),
+        (registry, "load_scenario"),
+        (policy_file, "load_policy"),
+        (Simulation, "reset"),
+    ):
+        counted(monkeypatch, owner, name, done)
+    words = ["evaluate", "pretrained-exit", "idm", "--vehicles", "5", "--episodes", "1"]
+    assert cli.main(words) == 0  # its driver asks the check of the scenario
+    assert done == {"__init__": 1, "load_scenario": 1, "load_policy": 1, "reset": 2}
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, done: Counter[str]) -> None:
+    """Count the calls of a function."""
+    function = getattr(owner, name)
+
+    def counting(*arguments: Any, **options: Any) -> Any:
+        done[name] += 1
+        return function(*arguments, **options)
+
+    monkeypatch.setattr(owner, name, counting)
 
 
 def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> None:
@@ -98,6 +131,9 @@ def test_rows_before_the_abort_of_a_worker_are_kept_and_the_abort_is_reported(
 ABORTED = """
 import os, sys
 from drl_av import cli
+from drl_av.drivers import policy_file, registry
+from drl_av.env import highway
+from drl_av.simulation.simulation import Simulation
 from drl_av.evaluation import comparison
 cli.evaluate.SAVE_EVERY_S, drive, driven = 0.0, comparison.drive, iter(range(9))
 

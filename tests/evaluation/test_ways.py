@@ -10,7 +10,7 @@ from drives import RESULT, episode
 from drl_av.cli import main
 from drl_av.cli.evaluate import gains
 from drl_av.env.metrics import EpisodeResult
-from drl_av.evaluation.judgement import judge
+from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.statistics import fewest_missed, overall, summarize
 
 

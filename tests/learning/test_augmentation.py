@@ -1,5 +1,6 @@
 """More experience from a decision: in the mirror, and of actions that were not taken."""
 
+from collections.abc import Iterable
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,21 +12,16 @@ from worlds import LEAVE, LEFT, RIGHT, ROAD, ahead, scene
 from drl_av.config import Config
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
-from drl_av.driving.affordances import INDICATORS, ObservationScale
+from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.mirror import Mirror
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError
-from drl_av.learning import augmentation as module
-from drl_av.learning.augmentation import (
-    StoreCounterfactuals,
-    mirror_half,
-    require_symmetry,
-    store_counterfactuals,
-)
-from drl_av.learning.buffers import TwoBuffers
+from drl_av.learning.experience import TransitionWriter, mirror_half, require_symmetry
+from drl_av.learning.replay import TwoBuffers
 from drl_av.road.road import Road
 from drl_av.safety import named_check
 
@@ -79,6 +75,11 @@ MAINTAIN, ACCELERATE, BRAKE = (
 )
 
 
+def ends(row: np.void) -> list[float]:
+    """Action, reward and discount of a row."""
+    return [row["a_t"], row["r_tp1"], row["discount"]]
+
+
 def stored_after(
     before: Any,
     after: Any,
@@ -97,7 +98,8 @@ def stored_after(
     )
     buffers = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
     decision = decided(before, after, executed.number, observation=S_T)
-    store_counterfactuals(buffers, env, decision, others)
+    writer = TransitionWriter(buffers, env, np.random.default_rng(0))
+    writer.add_counterfactuals(decision, others)
     return buffers
 
 
@@ -107,8 +109,12 @@ def test_an_action_that_the_check_would_replace_is_a_collision() -> None:
     buffers = stored_after(before, scene(ahead(20.0, speed_m_s=15.0)), MAINTAIN, ACCELERATE)
     assert (len(buffers.safe), len(buffers.collision)) == (0, 1)
     row = buffers.collision.rows[0]
-    assert np.array_equal(row[:N], S_T)
-    assert row[-3:].tolist() == [ACCELERATE.number, CONFIG.reward.collision_reward, 0.0]
+    assert np.array_equal(row["s_t"], S_T)
+    assert ends(row) == [
+        ACCELERATE.number,
+        CONFIG.reward.collision_reward,
+        0.0,
+    ]
 
 
 def test_had_it_braked_the_reward_is_that_of_18_m_s_where_19_are_wanted() -> None:
@@ -120,8 +126,8 @@ def test_had_it_braked_the_reward_is_that_of_18_m_s_where_19_are_wanted() -> Non
     assert (len(buffers.safe), len(buffers.collision)) == (1, 0)
     row = buffers.safe.rows[0]
     r_v = np.exp(-(((20 + 1.5 / 8 - 1) - 18) ** 2) / 10) - 1
-    assert row[-3:] == pytest.approx([BRAKE.number, r_v / 3, 0.9], abs=1e-6)
-    gap_m, speed = row[N] * CONFIG.observation.gap_scale_m, row[N + 24]
+    assert ends(row) == pytest.approx([BRAKE.number, r_v / 3, 0.9], abs=1e-6)
+    gap_m, speed = row["s_tp1"][0] * CONFIG.observation.gap_scale_m, row["s_tp1"][24]
     assert gap_m == pytest.approx(27.5, abs=1e-4)
     assert speed == pytest.approx((18 - 15) / 15)  # 0 at half of the ego's 30 m/s
 
@@ -138,8 +144,8 @@ def test_under_a_penalty_it_is_worth_what_the_check_executes_in_its_place_and_le
     r_v, r_x = np.exp(-((5 - 1 - 0.5 / 8) ** 2) / 10) - 1, np.exp(-36 / 260) - 1
     r_y = 0.0  # that near, rule 3 lets the ego into neither of the free lanes
     expected = (r_v + r_y + r_x) / 3 + 0.6 * 2 / 3 - 0.5
-    assert row[-3:] == pytest.approx([ACCELERATE.number, expected, 0.9], abs=1e-6)
-    assert row[N] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
+    assert ends(row) == pytest.approx([ACCELERATE.number, expected, 0.9], abs=1e-6)
+    assert row["s_tp1"][0] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
 
 
 def test_had_it_accelerated_while_it_braked_the_check_would_have_kept_its_speed() -> None:
@@ -148,8 +154,8 @@ def test_had_it_accelerated_while_it_braked_the_check_would_have_kept_its_speed(
     after = scene(ahead(21.5, speed_m_s=15.0), speed_m_s=18.0)
     config = CONFIG.updated("learning", unsafe_penalty=0.5)
     braked = stored_after(before, after, BRAKE, ACCELERATE, config=config).collision.rows[0]
-    assert braked[N] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
-    assert braked[N + 24] == pytest.approx((20 - 15) / 15)
+    assert braked["s_tp1"][0] * CONFIG.observation.gap_scale_m == pytest.approx(20.0, abs=1e-4)
+    assert braked["s_tp1"][24] == pytest.approx((20 - 15) / 15)
 
 
 @pytest.mark.parametrize("penalty", [0.0, 0.5])
@@ -188,44 +194,41 @@ def test_a_lane_that_begins_and_parts_is_road_only_where_it_is_beside_the_ego(
     assert (len(buffers.safe), len(buffers.collision)) == (safe, 1 - safe)
 
 
+class Asked(TransitionWriter):
+    """Keeps the actions whose outcomes it is asked to compute, and computes none."""
+
+    def add_counterfactuals(self, decision: Transition, others: Iterable[Action]) -> None:
+        vars(self).setdefault("asked", []).append((decision, [*others]))
+
+
 @pytest.mark.parametrize("check", ["paper", "permit_all"])
 def test_of_12_drawn_actions_all_are_stored_but_the_proposed_and_the_executed_one(
-    check: str, monkeypatch: pytest.MonkeyPatch
+    check: str,
 ) -> None:
-    asked: list[tuple[Transition, list[Action]]] = []
-    stored: list[Transition] = []
-    decisions: list[Transition] = []
-    monkeypatch.setattr(
-        module,
-        "store_counterfactuals",
-        lambda b, e, decision, others: asked.append((decision, others)),
-    )
     config = CONFIG.updated("learning", counterfactuals=12).updated("safety", check=check)
     config = config.updated("traffic", vehicles_min=30, vehicles_max=30)
-    buffer = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
+    buffer = TwoBuffers(N, 300, 300, discount=0.9, collision_fraction=0.25)
     with HighwayEnv(config=config) as env:
-        store = StoreCounterfactuals(stored.append, buffer, env, np.random.default_rng(0))
-        for decision in rollout(env, RandomDriver(), seed=1_000_000):
+        store = Asked(buffer, env, np.random.default_rng(0))
+        decisions = list(rollout(env, RandomDriver(), seed=1_000_000))
+        for decision in decisions:
             store(decision)
-            decisions.append(decision)
     assert decisions[-1].terminated is (check == "permit_all")
     assert any(decision.triggered for decision in decisions) is (check == "paper")
-    assert stored == decisions
     known = decisions[:-1] if decisions[-1].terminated else decisions
+    assert len(buffer.safe) == len(known)
+    asked = vars(store)["asked"]
     assert [decision for decision, _ in asked] == known
     for decision, others in asked:
         assert {*others} == {*ACTIONS} - {decision.proposed, decision.executed}
 
 
-def test_as_many_actions_are_drawn_as_the_settings_say(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn: list[list[Action]] = []
-    monkeypatch.setattr(
-        module, "store_counterfactuals", lambda b, e, d, others: drawn.append(others)
-    )
+def test_as_many_actions_are_drawn_as_the_settings_say() -> None:
     env: Any = SimpleNamespace(config=CONFIG.updated("learning", counterfactuals=3))
-    buffer = TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
-    store = StoreCounterfactuals(lambda decision: None, buffer, env, np.random.default_rng(0))
+    buffer = TwoBuffers(N, 300, 10, discount=0.9, collision_fraction=0.25)
+    store = Asked(buffer, env, np.random.default_rng(0))
     for _ in range(200):
         store(decided())
+    drawn = [others for _, others in vars(store)["asked"]]
     assert {len(others) for others in drawn} == {2, 3}  # the one that was taken may be drawn
     assert {other for others in drawn for other in others} == {*ACTIONS[1:]}

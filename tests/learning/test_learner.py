@@ -6,8 +6,8 @@ import torch
 
 from drl_av.drivers.network import QNetwork, forward
 from drl_av.errors import CheckpointError
-from drl_av.learning.buffers import Batch
 from drl_av.learning.learner import Learner, backward, double_q_target, q_gradient, td_error
+from drl_av.learning.replay import Batch
 
 
 def random_batch(rng: np.random.Generator, rows: int = 64, ended: float = 0.5) -> Batch:

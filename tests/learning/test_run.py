@@ -13,13 +13,12 @@ from runs import INTERRUPT, KILL, disk_tape, error_message, files_of, interrupte
 
 from drl_av.cli import main
 from drl_av.config import load_config
-from drl_av.drivers.policy_file import load, load_policy
+from drl_av.drivers.policy_file import load, load_policy, save
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import RunError
 from drl_av.learning import run as module
-from drl_av.learning.builder import build_training
-from drl_av.learning.checkpoint import save
 from drl_av.learning.run import Run
+from drl_av.learning.training import build_training
 from drl_av.scenarios.folder import write_scenario
 
 EPISODES = 9

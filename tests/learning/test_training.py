@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import fields
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -18,18 +17,20 @@ from drl_av.config import REPLAYS, Config
 from drl_av.drivers.learned import LearnedDriver, Margins
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import INDICATORS
-from drl_av.env.episode import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.transition import Transition
 from drl_av.learning import training as module
-from drl_av.learning.augmentation import mirror_half, unchanged
-from drl_av.learning.buffers import Batch, Buffer
-from drl_av.learning.builder import build_training, make_buffer
-from drl_av.learning.experience import StoreDecision
 from drl_av.learning.learner import Learner, Update
+from drl_av.learning.replay import Batch, Buffer
 from drl_av.learning.run import Run, train
-from drl_av.learning.training import EVALUATION_SEEDS, Training, Variant, draw_seed
+from drl_av.learning.training import (
+    EVALUATION_SEEDS,
+    Training,
+    build_training,
+    make_buffer,
+)
 from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety.check import Rule
 
@@ -125,7 +126,7 @@ def always(action: int) -> LearnedDriver:
     return LearnedDriver(lambda s: values.copy(), Margins(lane_change=2.0))
 
 
-def story(script: list[Step], mirrored: bool = False, **learning: Any) -> Story:
+def story(script: list[Step], **learning: Any) -> Story:
     tape: list[str] = []
     config = Config().updated("learning", **{"episodes": 10, "batch_size": 8} | learning)
     env, learner, rng = ScriptedEnv(script, config, tape), TapedLearner(tape), np.random
@@ -133,14 +134,8 @@ def story(script: list[Step], mirrored: bool = False, **learning: Any) -> Story:
     buffer = make_buffer(config.learning, N)
     for name in ("add_collision", "add_safe", "sample"):
         record(buffer, name, tape)
-    variant = Variant(
-        store=StoreDecision(buffer, config),
-        augment=mirror_half if mirrored else unchanged,
-        turns=[[learner]],
-        traffic_seed=partial(draw_seed, generator),
-    )
     scripted_env: Any = env
-    training = Training(scripted_env, always(LEFT), [learner], buffer, generator, variant)
+    training = Training(scripted_env, always(LEFT), [learner], buffer, generator)
     return Story(training, env, buffer, learner, tape)
 
 
@@ -190,7 +185,7 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
 ) -> None:
     training, _, buffer, _, _ = story([QUIET] * 3, epsilon_start=0, epsilon_end=0)
     training.run_episode()
-    assert buffer.safe.rows[:3, -3].tolist() == [LEFT] * 3
+    assert buffer.safe.rows["a_t"][:3].tolist() == [LEFT] * 3
 
     driven: list[int] = []
     result = EpisodeResult(*[0] * (len(fields(EpisodeResult)) - 1))  # type: ignore[arg-type]
@@ -207,16 +202,16 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
 def test_epsilon_1_takes_every_action_and_epsilon_0_the_greedy_one() -> None:
     training, _, buffer, _, _ = story([QUIET] * 200, epsilon_start=1, epsilon_end=0)
     training.run_episode()
-    assert set(buffer.safe.rows[:200, -3]) == set(range(12))
+    assert set(buffer.safe.rows["a_t"][:200]) == set(range(12))
     for _ in range(9):
         training.run_episode()
-    assert set(buffer.safe.rows[-200 + len(buffer.safe) : len(buffer.safe), -3]) == {LEFT}
+    assert set(buffer.safe.rows["a_t"][-200 + len(buffer.safe) : len(buffer.safe)]) == {LEFT}
 
 
 def test_truncation_keeps_gamma() -> None:
     training, _, buffer, _, _ = story([QUIET] * 3)
     training.run_episode()
-    assert buffer.safe.rows[:3, -1].tolist() == [np.float32(0.9)] * 3
+    assert buffer.safe.rows["discount"][:3].tolist() == [np.float32(0.9)] * 3
 
 
 def test_without_unsafe_proposals_and_collisions_it_is_plain_double_dqn() -> None:
@@ -236,7 +231,8 @@ def test_without_unsafe_proposals_and_collisions_it_is_plain_double_dqn() -> Non
 def test_prioritized_rows_have_the_priority_of_their_last_error(mirrored: bool) -> None:
     # four rows are stored: quiet, the proposal, what was executed, quiet
     options: dict[str, Any] = {"replay": "prioritized", "priority_exponent": 1.0}
-    training, _, buffer, learner, _ = story([QUIET, OVERRULED, QUIET], mirrored, **options)
+    options["mirrored"] = mirrored
+    training, _, buffer, learner, _ = story([QUIET, OVERRULED, QUIET], **options)
     batches: list[Batch] = []
     sample = buffer.sample
 

@@ -266,8 +266,8 @@ def test_a_vehicle_that_touches_the_ego_in_a_decision_was_within_its_reach(
 
 
 def within_reach(shot: Snapshot, commands: list[Command], step_s: float) -> list[int]:
-    state = shot.s_m, shot.y_m, shot.speed_m_s
-    return rectangles_of(shot, ROAD).within_reach(*state, commands, step_s)
+    state = np.array((shot.s_m, shot.y_m, shot.speed_m_s))
+    return rectangles_of(shot, ROAD).within_reach(state, commands, step_s)
 
 
 def test_a_vehicle_that_could_stop_at_once_or_accelerate_hard_is_within_reach() -> None:

@@ -15,7 +15,7 @@ from runs import files_of, refused_scenario
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
-from drl_av.road.road import PartialLane
+from drl_av.road.road import OPEN_LAP_M, PartialLane
 from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
 from drl_av.scenarios.imported import route
 from drl_av.scenarios.imported.description import ImportedDescription
@@ -60,7 +60,7 @@ def test_a_motorway_from_openstreetmap_is_one_road_whose_right_lane_comes_and_go
     assert layout.lane_positions["264308376_2"] == (3, pytest.approx(joins + fourth))
     assert start is not None
     assert (start.lanes, start.ego_lane, start.ego_front_m) == ((1, 2, 3), None, 300.0)
-    assert {limit for _, limit in start.speed_limits} == {27.78}
+    assert start.speed_limits == road.speed_limits[1] == ((0.0, OPEN_LAP_M, 27.78),)
 
 
 def test_the_road_is_drawn_where_the_motorway_lies(a10: Path) -> None:
@@ -258,14 +258,9 @@ def refused(
         ([Part(2, 101.0)] * 2, {}, r"has speed_limit_m_s 101, but must have 1 to 100"),
         ([Part(11)] * 2, {}, r"has lanes 11, but must have 1 to 10"),
         (
-            [Part(2), Part(2, lane='<lane index="0" disallow="passenger"/>')],
+            [Part(3), Part(3, lane='<lane index="1" disallow="passenger"/>')],
             {},
-            r"lane 'e1_0' is closed to passenger cars: remove it in netedit, or choose",
-        ),
-        (
-            [Part(2), Part(2, lane='<lane index="0" speed="20"/>')],
-            {},
-            r"lanes of edge 'e1' have the speed limits 20 to 40 m/s, but must have one",
+            r"lane 'e1_1' is closed to passenger cars and lies between lanes that are open: change",
         ),
         (
             [Part(3), Part(3)],
@@ -286,17 +281,12 @@ def refused(
             [Part(2), Part(2)],
             {"kind": "traffic_light", "nodes": SIDE.format(y=-300, z=400)}
             | {"edges": ACROSS.format(p=1)},
-            r"junction 'n1' at the end of edge 'e0' has traffic lights: choose a route without",
+            r"junction 'n1' at the end of edge 'e0' has traffic lights that stop the route",
         ),
         (
             [Part(2), Part(2)],
             {"nodes": SIDE.format(y=-300, z=400), "edges": ACROSS.format(p=12)},
             r"gives way at junction 'n1' at the end of edge 'e0', but traffic from elsewhere is",
-        ),
-        (
-            [Part(2), Part(2)],
-            {"options": ["--lefthand", "true"]},
-            r"cannot be used, its traffic drives on the left, and drl-av's on the right: name",
         ),
     ],
 )
@@ -441,7 +431,8 @@ def test_files_that_are_no_text_of_xml_are_refused(
     assert f"{net} is compressed: unpack it with gunzip" in refused(capsys, tmp_path, net)
     with net.open("wb") as file:
         file.truncate(64_000_001)
-    assert f"{net} is larger than 64 MB" in refused(capsys, tmp_path, net)
+    line = refused(capsys, tmp_path, net)
+    assert f"{net} is larger than 64 MB: cut out the part with your route by netconvert" in line
     assert "is no regular file" in refused(capsys, tmp_path, tmp_path)
 
 

@@ -14,7 +14,7 @@ from runs import files_of, refused_scenario
 from worlds import scene
 
 from drl_av.cli import main
-from drl_av.road.road import PartialLane, Road
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.layout import along as along_line
@@ -62,7 +62,10 @@ def test_the_lane_of_the_exit_begins_on_the_way_and_parts_at_the_exit(folder: Pa
     assert start is not None
     assert (start.lanes, start.ego_lane, start.ego_front_m) == ((1, 2, 3), None, 300.0)
     assert start.span_m == EXIT_M + 350.0
-    assert start.speed_limits == ((BEGINS_M, 40.0), (EXIT_M, 36.0))
+    assert start.speed_limits == ((0.0, BEGINS_M, 40.0), (BEGINS_M, OPEN_LAP_M, 36.0))
+    # the exit's lane begins beside e1 and leads to off
+    assert road.speed_limits[0] == ((BEGINS_M, EXIT_M, 36.0), (EXIT_M, OPEN_LAP_M, 32.0))
+    assert road.speed_limits[3] == start.speed_limits
     # the lowest limit is that of off, 32 m/s; no vehicle drives on away, where 10 m/s are allowed
     assert load_scenario(folder).description.speed_limit_m_s == 32.0
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.errors import ScenarioError
+from drl_av.road.road import SpeedLimit
 from drl_av.scenarios.layout import OpenStart
 from drl_av.simulation.inflow import (
     Inflow,
@@ -50,7 +51,13 @@ def test_the_lane_in_which_the_ego_must_start_holds_its_vehicles_too() -> None:
             assert np.diff(front_m).min() >= LENGTH_M + TRAFFIC.start_gap_m - 1e-9
 
 
-SLOW = STRAIGHT._replace(speed_limits=((600.0, 40.0), (1200.0, 10.0), (2400.0, 30.0)))
+SLOW = STRAIGHT._replace(
+    speed_limits=(
+        SpeedLimit(0.0, 600.0, 40.0),
+        SpeedLimit(600.0, 1200.0, 10.0),
+        SpeedLimit(1200.0, 2400.0, 30.0),
+    )
+)
 """A quarter of the road with 10 m/s, and no vehicle wants less than 20."""
 
 
@@ -67,7 +74,7 @@ def test_vehicles_start_and_enter_at_most_at_the_limit_of_their_place() -> None:
     assert population.speed_m_s[slow].max() == 10.0
     assert population.speed_m_s[~slow].max() > 20.0
     assert population.desired_speed_m_s[slow].min() >= 20.0
-    crawl = SLOW._replace(speed_limits=((50.0, 10.0), *SLOW.speed_limits))
+    crawl = SLOW._replace(speed_limits=(SpeedLimit(0.0, 50.0, 10.0), *SLOW.speed_limits))
     found = Inflow(np.random.default_rng(0), 100, crawl, LENGTH_M, TRAFFIC, EGO)
     entering = [one for second in range(60) for one in found.entering(float(second), {})]
     assert {float(one.speed_m_s[0]) for one in entering} == {10.0}

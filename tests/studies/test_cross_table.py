@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from drives import traffic_row as row
 
+from drl_av.config import SINGLE_PRESETS
 from drl_av.files import write_table
 from studies import cross_table
 from studies.cross_table import CROSS_TABLE, gains
@@ -57,6 +58,6 @@ def test_each_driver_learns_in_its_own_traffic_and_meets_the_same_episodes(
     assert len(rows) == 6 * 5 * 2
     assert {each["seed"] for each in rows} == {"950000", "950001"}
     assert made["cross_table-hazards"]["traffic"]["standing_share"] == 0.01
-    assert made["cross_table-all"]["traffic"]["all_kinds"]
+    assert made["cross_table-all"]["traffic"]["presets"] == [*SINGLE_PRESETS]
     assert (tmp_path / "runs" / "cross_table-all" / "policy.safetensors").is_file()
     assert "| trained in all | " in CROSS_TABLE.summaries["cross_table"](results)

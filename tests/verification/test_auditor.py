@@ -5,6 +5,8 @@ Bounds worked with: braking 4 m/s^2, acceleration 2 m/s^2, sideways 0.76 m/s; a 
 """
 
 from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 from worlds import CENTER, LEFT, ROAD, Car, ahead, behind, snapshot
@@ -15,6 +17,8 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.road_types import ROAD_TYPES
 from verification.auditor import (
     ACCELERATED,
     BEHIND,
@@ -318,3 +322,44 @@ def test_no_mix_of_drivers_brakes_accelerates_or_moves_sideways_beyond_the_bound
         assert len(shots) >= 2 * env.decisions - 1
         shots.clear()
         assert not {BRAKED, ACCELERATED, SIDEWAYS} & set(names(auditor.breaches))
+
+
+def test_late_braking_is_named_where_vehicles_ahead_may_brake_harder() -> None:
+    # 112 m to stop from 30 m/s with 4 m/s^2, and the ego 12 m from 10 m/s; with 9 m/s^2 50 m
+    for braking_m_s2 in (4.0, 9.0):
+        auditor = Auditor(CONFIG.updated("strict", braking_m_s2=braking_m_s2), ROAD)
+        for step, gap_m in enumerate((75.0, 68.0, 61.0, 54.0)):
+            shot = snapshot(behind(gap_m, speed_m_s=30.0), speed_m_s=10.0)
+            auditor.watch(shot._replace(time_s=step * STEP_S))
+        assert BEHIND in names(auditor.breaches)
+
+
+def test_vehicles_that_enter_and_leave_an_open_road_confuse_no_one() -> None:
+    auditor = Auditor(CONFIG, ROAD)
+    fast, slow = ahead(60.0, LEFT, 30.0), ahead(90.0, speed_m_s=5.0)
+    before = snapshot(fast, slow)._replace(ids=("ego", "fast", "slow"))
+    # "fast" has left; in its row is now "slow", and behind that one "new" has entered
+    after = snapshot(slow, behind(90.0, LEFT, 12.0))._replace(
+        ids=("ego", "slow", "new"), time_s=STEP_S
+    )
+    auditor.watch(before)
+    auditor.watch(after)
+    assert auditor.breaches == []
+    # and it still sees what the one does that is in both
+    braked = snapshot(ahead(90.0, speed_m_s=1.0), behind(90.0, LEFT, 12.0))
+    auditor.watch(braked._replace(ids=("ego", "slow", "new"), time_s=2 * STEP_S))
+    assert auditor.breaches == [Breach(1.0, "slow", BRAKED)]
+
+
+def test_the_traffic_of_a_ramp_keeps_the_bounds(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "road", ROAD_TYPES["merge"].description())
+    config = CONFIG.updated("simulation", scenario=str(tmp_path / "road"))
+    with closing(HighwayEnv(config=config)) as env:
+        auditor = Auditor(env.config, env.road)
+        env.simulation.after_step = auditor.watch
+        env.reset(seed=1)
+        vehicles = {*env.scene.snapshot.ids}
+        for _ in range(25):
+            env.step(0)
+        assert {*env.scene.snapshot.ids} - vehicles  # some have entered
+        assert not {BRAKED, ACCELERATED} & {*names(auditor.breaches)}

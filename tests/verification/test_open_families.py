@@ -4,21 +4,24 @@ The acceleration lane begins at 500 m and ends at 650 m. The deceleration lane b
 and parts from the highway at 1,300 m. Bodies are 5 m long and 1.8 m wide.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.scene import Scene
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety import named_check
-from drl_av.safety import strict as check_of_strict
+from drl_av.safety.check import SafetyCheck
 from drl_av.safety.strict import Strict
 from verification.batch_check import one_by_one
 from verification.falsification import genes, orders, play
 from verification.falsify import in_sumo
 from verification.families import PLACED, placed
-from verification.kinematic_simulator import Mover, Orders, World
+from verification.kinematic_simulator import ROAD, Mover, Orders, World
 from verification.open_families import EXIT_ROAD, MERGE_ROAD, OFF_RAMP, OPEN_FAMILIES, RAMP
 
 STRICT = Config().updated("safety", check="strict")
@@ -32,10 +35,10 @@ def drawn(name: str, scenes: int, config: Config = STRICT) -> World:
     return family.start(numbers, config)
 
 
-def driven(name: str, scenes: int, config: Config) -> World:
-    """Scenes of a random adversary, at their end."""
+def driven(name: str, scenes: int, config: Config, other: SafetyCheck | None = None) -> World:
+    """Scenes of a random adversary, at their end; ``other`` replaces the check of the config."""
     family, world = OPEN_FAMILIES[name], drawn(name, scenes, config)
-    check = one_by_one(named_check(config, road=world.road))
+    check = one_by_one(other or named_check(config, road=world.road))
     genome = np.random.default_rng(4).normal(size=(scenes, genes(family)))
     commands = orders(genome, family, config)
     play(world, commands, check, Mover(config))
@@ -67,12 +70,22 @@ def test_the_ego_has_to_do_with_the_end_of_a_lane_in_each_family() -> None:
         assert not world.collisions
 
 
+class Blind(Strict):
+    """The check without the ends of lanes."""
+
+    def _arguments(self, scene: Scene) -> tuple[Any, ...]:
+        indicators = scene.indicators
+        ground = (*indicators.ground[:2], np.empty((0, 3)))
+        blind = Scene.of(
+            scene.snapshot, indicators._replace(ground=ground), scene.lane_change, ROAD
+        )
+        return super()._arguments(blind)
+
+
 @pytest.mark.parametrize("name", OPEN_FAMILIES)
-def test_a_strict_that_does_not_know_of_ends_of_lanes_drives_over_them(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(check_of_strict, "with_barriers", lambda others, *_: others)
-    world = driven(name, 300, STRICT)
+def test_a_strict_that_does_not_know_of_ends_of_lanes_drives_over_them(name: str) -> None:
+    blind = Blind(STRICT.strict, STRICT.ego, STRICT.simulation)
+    world = driven(name, 300, STRICT, blind)
     assert len(world.collisions) >= 5
     assert set(world.collisions.values()) == {EDGE}
     assert (world.least_m[list(world.collisions), -len(world.road.barriers) :] < 0).any()

@@ -1,22 +1,21 @@
-"""Drives many background vehicles by a finite-state machine: cruise, follow, change lanes.
+"""Drives background vehicles by a finite-state machine: cruise, follow, change lanes.
 
 The states, and their conditions on gaps and relative speeds, are those of Zhang, Li, Girard and
-Kolmanovsky 2017; the control in each state is ours. Arrays have one row for each of R vehicles.
+Kolmanovsky 2017; the control in each state is ours. The functions decide for one vehicle, from the
+arrays that ``indicators`` has filled for it.
 """
 
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, FiniteStateConfig
-from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, RIGHT, Surroundings
 from drl_av.drivers.driver import Decisions
+from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane, slot_of
 from drl_av.random_streams import Stream, generator
-from drl_av.road.road import FloatArray
-
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
+from drl_av.road.road import CENTERED_M, FloatArray
 
 
 class State(IntEnum):
@@ -27,83 +26,106 @@ class State(IntEnum):
     LANE_CHANGE = 2
 
 
+CRUISE, FOLLOW, LANE_CHANGE = range(3)
+"""The numbers of the states, for compiled functions."""
+
+
+class FiniteStateNumbers(NamedTuple):
+    """The settings of the section ``finite_state``, for compiled functions."""
+
+    follow_headway_s: float
+    cruise_headway_s: float
+    headway_s: float
+    standstill_gap_m: float
+    slow_leader_m_s: float
+    worthwhile_gain_m_s: float
+    lane_change_gap_m: float
+    lane_change_time_s: float
+    speed_gain_per_s: float
+    gap_gain_per_s2: float
+    braking_m_s2: float
+    acceleration_m_s2: float
+
+
+Settings = FiniteStateConfig | FiniteStateNumbers
+
+
 def finite_state(
-    neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
-) -> tuple[IntArray, Decisions]:
-    """Return the next state, shape (R,), and the decision of each of R vehicles.
+    values: FloatArray,
+    codes: IntArray,
+    lane_width_m: float,
+    state: int,
+    desired_m_s: float,
+    config: Settings,
+) -> tuple[int, float, int]:
+    """Return the next state, the acceleration, m/s^2, and the wanted lane change of a vehicle.
 
-    ``states`` and the desired speeds ``desired_m_s`` have shape (R,). A vehicle behind a slow
-    leader requests a change to the faster neighbouring lane if the gaps in that lane are large
-    enough. If SUMO has not begun that lane change by the next decision, the vehicle returns to
-    FOLLOW or CRUISE.
+    The lane change is +1 to the left, -1 to the right, 0 for none. A vehicle behind a slow leader
+    requests a change to the faster neighbouring lane if the gaps in that lane are large enough. If
+    SUMO has not begun that lane change by the next decision, the vehicle returns to FOLLOW or
+    CRUISE.
     """
-    states = _longitudinal_states(neighbors, states, config)
-    side = np.where(neighbors.under_way, 0, _side(neighbors, states, desired_m_s, config))
-    states = np.where(neighbors.under_way | (side != 0), State.LANE_CHANGE, states)
-    return states, Decisions(_acceleration(neighbors, states, desired_m_s, config), side)
+    off_center_m = values[25] - codes[LANE] * lane_width_m
+    changing = abs(off_center_m) > CENTERED_M
+    state = longitudinal_state(values, codes, state, config)
+    side = 0 if changing else wanted_side(values, codes, state, desired_m_s, config)
+    if changing or side != 0:
+        state = LANE_CHANGE
+    leaning = np.sign(off_center_m) if state == LANE_CHANGE else 0.0
+    wanted = config.speed_gain_per_s * (desired_m_s - values[24])
+    if state != CRUISE:
+        wanted = min(wanted, behind(values, codes, 0, config))
+    if leaning != 0.0:
+        wanted = min(wanted, behind(values, codes, 1 if leaning > 0.0 else -1, config))
+    limited = min(max(wanted, -config.braking_m_s2), config.acceleration_m_s2)
+    return state, limited, side
 
 
-def _longitudinal_states(
-    neighbors: Surroundings, states: IntArray, config: FiniteStateConfig
-) -> IntArray:
-    """Return FOLLOW near the vehicle ahead, else CRUISE, with a hysteresis; shape (R,)."""
-    headway_s = np.where(states == State.CRUISE, config.follow_headway_s, config.cruise_headway_s)
-    near_m = config.standstill_gap_m + headway_s * neighbors.speed_m_s
-    return np.where(neighbors.gap_m[:, OWN, FRONT] < near_m, State.FOLLOW, State.CRUISE)
+def longitudinal_state(values: FloatArray, codes: IntArray, state: int, config: Settings) -> int:
+    """Return FOLLOW near the vehicle ahead, else CRUISE, with a hysteresis."""
+    headway_s = config.follow_headway_s if state == CRUISE else config.cruise_headway_s
+    near_m = config.standstill_gap_m + headway_s * values[24]
+    return FOLLOW if gap_in(values, codes, 0) < near_m else CRUISE
 
 
-def _side(
-    neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
-) -> IntArray:
-    """Return the lane change that each vehicle wants: +1 left, -1 right, 0 none; shape (R,)."""
-    leader_m_s = neighbors.speed_m_s + neighbors.relative_speed_m_s[:, OWN, FRONT]
-    held_up = (states == State.FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
-    left, right = (
-        np.where(held_up & _clear(neighbors, lane, config), _gain(neighbors, lane, config), -np.inf)
-        for lane in (LEFT, RIGHT)
-    )
-    better = np.maximum(left, right) >= config.worthwhile_gain_m_s
-    return np.where(better, np.where(left >= right, 1, -1), 0)
+def wanted_side(
+    values: FloatArray, codes: IntArray, state: int, desired_m_s: float, config: Settings
+) -> int:
+    """Return the lane change that a vehicle wants: +1 left, -1 right, 0 none."""
+    if state != FOLLOW or not values[24] + values[1] < desired_m_s - config.slow_leader_m_s:
+        return 0
+    left = gain(values, codes, 1, config) if clear(values, codes, 1, config) else -np.inf
+    right = gain(values, codes, -1, config) if clear(values, codes, -1, config) else -np.inf
+    if not max(left, right) >= config.worthwhile_gain_m_s:
+        return 0
+    return 1 if left >= right else -1
 
 
-def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> BoolArray:
-    """Return whether ``lane`` exists and its gaps are large enough to enter it; shape (R,)."""
-    closing_m_s = neighbors.relative_speed_m_s[:, lane] * (-1.0, 1.0)
-    needed_m = config.lane_change_gap_m + config.lane_change_time_s * np.maximum(closing_m_s, 0)
-    clear: BoolArray = neighbors.has_lane[:, lane] & (neighbors.gap_m[:, lane] > needed_m).all(
-        axis=1
-    )
-    return clear
+def clear(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> bool:
+    """Return whether a lane exists and its gaps are large enough to enter it."""
+    front, found = slot_of(sign), has_lane(codes, sign)
+    for slot, direction in ((front, -1.0), (front + 1, 1.0)):
+        closing_m_s = values[4 * slot + 1] * direction
+        needed_m = config.lane_change_gap_m + config.lane_change_time_s * max(closing_m_s, 0.0)
+        found = found and gap_in(values, codes, slot) > needed_m
+    return found
 
 
-def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Return the gain in speed of a change to ``lane``, m/s, shape (R,); inf if it is free."""
-    far_m = config.standstill_gap_m + config.cruise_headway_s * neighbors.speed_m_s
-    speed = neighbors.relative_speed_m_s
-    faster_m_s = speed[:, lane, FRONT] - speed[:, OWN, FRONT]
-    return np.where(neighbors.gap_m[:, lane, FRONT] > far_m, np.inf, faster_m_s)
+def gain(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> float:
+    """Return the gain in speed of a change to a lane, m/s; inf if the lane is free."""
+    far_m, front = config.standstill_gap_m + config.cruise_headway_s * values[24], slot_of(sign)
+    faster_m_s: float = values[4 * front + 1] - values[1]
+    return np.inf if gap_in(values, codes, front) > far_m else faster_m_s
 
 
-def _acceleration(
-    neighbors: Surroundings, states: IntArray, desired_m_s: FloatArray, config: FiniteStateConfig
-) -> FloatArray:
-    """Return the smallest acceleration that the desired speed and the leaders demand, (R,)."""
-    free = config.speed_gain_per_s * (desired_m_s - neighbors.speed_m_s)
-    own = np.where(states == State.CRUISE, np.inf, _behind(neighbors, OWN, config))
-    leaning = np.sign(neighbors.off_center_m) * (states == State.LANE_CHANGE)
-    left = np.where(leaning > 0, _behind(neighbors, LEFT, config), np.inf)
-    right = np.where(leaning < 0, _behind(neighbors, RIGHT, config), np.inf)
-    wanted = np.minimum.reduce((free, own, left, right))
-    limited: FloatArray = np.clip(wanted, -config.braking_m_s2, config.acceleration_m_s2)
-    return limited
-
-
-def _behind(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
-    """Return the acceleration that keeps the headway in ``lane``, m/s^2, (R,); inf if free."""
-    kept_m = config.standstill_gap_m + config.headway_s * neighbors.speed_m_s
-    to_spare_m = neighbors.gap_m[:, lane, FRONT] - kept_m
-    closing_m_s = -neighbors.relative_speed_m_s[:, lane, FRONT]
-    return config.gap_gain_per_s2 * to_spare_m - config.speed_gain_per_s * closing_m_s
+def behind(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> float:
+    """Return the acceleration that keeps the headway in a lane, m/s^2; inf if it is free."""
+    front = slot_of(sign)
+    kept_m = config.standstill_gap_m + config.headway_s * values[24]
+    to_spare_m = gap_in(values, codes, front) - kept_m
+    closing_m_s = -values[4 * front + 1]
+    wanted: float = config.gap_gain_per_s2 * to_spare_m - config.speed_gain_per_s * closing_m_s
+    return wanted
 
 
 class HardBraking:

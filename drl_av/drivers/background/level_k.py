@@ -5,45 +5,56 @@ and Yildiz 2020. The accelerations are those of the ego's actions.
 """
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, EgoConfig, Level0Config
-from drl_av.drivers.background.surroundings import FRONT, LEFT, OWN, REAR, RIGHT, Surroundings
+from drl_av.compiled import compiled, numbers
+from drl_av.config import Config, Level0Config
 from drl_av.drivers.driver import Decisions
 from drl_av.drivers.network import Layers, forward
 from drl_av.drivers.policy_file import load_run
-from drl_av.driving.actions import ACTIONS, Longitudinal
-from drl_av.driving.affordances import ObservationScale
+from drl_av.driving.actions import ACCELERATE, ACTIONS, BRAKE, HARD_BRAKE, MAINTAIN, SIGNS
+from drl_av.driving.affordances import CODES, LANE, VALUES, IntArray, gap_in, has_lane, indicators
+from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.errors import CheckpointError, DrlAvError
-from drl_av.road.road import FloatArray, Road
-from drl_av.safety.paper import Approach, lane_change_is_safe
+from drl_av.road.road import CENTERED_M, FloatArray, Road
+from drl_av.road.road_numbers import RoadNumbers, road_numbers
+from drl_av.road.snapshot import Snapshot
+from drl_av.safety.paper import SafetyNumbers, is_clear
 
 LEVEL_1 = Path(__file__).parents[2] / "pretrained" / "level_1"
 """Folder of the shipped level-1 policy, in the layout of a run's folder."""
 
-LEVEL_0 = np.array(
-    [
-        [Longitudinal.HARD_BRAKE, Longitudinal.BRAKE, Longitudinal.MAINTAIN],
-        [Longitudinal.BRAKE, Longitudinal.MAINTAIN, Longitudinal.ACCELERATE],
-        [Longitudinal.ACCELERATE, Longitudinal.ACCELERATE, Longitudinal.ACCELERATE],
-    ]
+LEVEL_0 = (
+    *(HARD_BRAKE, BRAKE, MAINTAIN),
+    *(BRAKE, MAINTAIN, ACCELERATE),
+    *(ACCELERATE, ACCELERATE, ACCELERATE),
 )
 """The action of a level-0 driver. The row is the gap to the vehicle ahead (close, nominal, far),
 the column is the change of this gap (it shrinks, is stable, grows)."""
 
 
-def level_0(neighbors: Surroundings, config: Level0Config, ego: EgoConfig) -> Decisions:
-    """Return the decisions of level-0 drivers: the actions of LEVEL_0, without lane changes."""
-    distance = np.digitize(
-        neighbors.gap_m[:, OWN, FRONT], (config.close_m, config.nominal_m), right=True
-    )
-    speed = neighbors.relative_speed_m_s[:, OWN, FRONT]
-    motion = 1 + np.sign(speed).astype(np.intp) * (np.abs(speed) > config.stable_m_s)
-    return Decisions(
-        _accelerations(ego)[LEVEL_0[distance, motion]], np.zeros(len(speed), dtype=np.intp)
-    )
+class Level0Numbers(NamedTuple):
+    """The settings of the section ``level_0``, for compiled functions."""
+
+    close_m: float
+    nominal_m: float
+    stable_m_s: float
+
+
+def level_0(values: FloatArray, codes: IntArray, config: Level0Config | Level0Numbers) -> int:
+    """Return the number of the longitudinal action of a level-0 driver, by the table LEVEL_0.
+
+    ``values`` and ``codes`` are those of ``indicators``. The driver makes no lane changes.
+    """
+    gap_m, faster_m_s = gap_in(values, codes, 0), values[1]
+    distance = 0 if gap_m <= config.close_m else 1 if gap_m <= config.nominal_m else 2
+    motion = 1
+    if abs(faster_m_s) > config.stable_m_s:
+        motion = 2 if faster_m_s > 0.0 else 0
+    return LEVEL_0[3 * distance + motion]
 
 
 class Level1:
@@ -56,34 +67,74 @@ class Level1:
     def __init__(self, layers: Layers, config: Config, road: Road) -> None:
         self._layers = layers
         self.range_m = config.observation.range_m
-        self._scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-        self._acceleration_m_s2 = _accelerations(config.ego)[[a.longitudinal for a in ACTIONS]]
-        self._safety = config.safety
-        self._side = np.array([action.lateral.sign for action in ACTIONS])
+        scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
+        self._look = road_numbers(road), self.range_m, scale.offset, scale.scale, scale.bounds
+        self._acceleration_m_s2 = np.array(
+            [action.longitudinal.acceleration_m_s2(config.ego) for action in ACTIONS]
+        )
+        self._safety = numbers(SafetyNumbers, config.safety)
 
-    def __call__(self, neighbors: Surroundings) -> Decisions:
-        """Return the decision with the greatest Q-value for each vehicle.
+    def __call__(self, snapshot: Snapshot, rows: npt.NDArray[np.intp]) -> Decisions:
+        """Return the decision with the greatest Q-value for each vehicle, by its row.
 
         As in its training, a vehicle requests a lane change only if rules 2 and 3 of the check
         ``paper`` permit it. It requests none during a lane change, because SUMO cannot abort one.
         """
-        _, values = forward(self._layers, self._scale(neighbors.vectors()))
-        best = values.argmax(axis=1)
-        side = np.where(neighbors.under_way, 0, self._side[best])
-        for sign, lane in ((1, LEFT), (-1, RIGHT)):
-            side[(side == sign) & ~self._is_clear(neighbors, lane)] = 0
+        n = len(rows)
+        values, codes = np.empty((n, VALUES)), np.empty((n, CODES), np.int64)
+        observations = np.empty((n, 27), np.float32)
+        look.fast(*snapshot.arrays, *self._look, rows, values, codes, observations)
+        _, q_values = forward(self._layers, observations)
+        best, side = q_values.argmax(axis=1), np.empty(n, np.intp)
+        lane_width_m = self._look[0].lane_width_m
+        permit_sides.fast(values, codes, best, lane_width_m, self._safety, side)
         return Decisions(self._acceleration_m_s2[best], side)
 
-    def _is_clear(self, neighbors: Surroundings, lane: int) -> npt.NDArray[np.bool_]:
-        """Return whether rules 2 and 3 of ``paper`` permit to enter ``lane``; shape (R,)."""
-        gap_m, speed_m_s = neighbors.gap_m, neighbors.relative_speed_m_s
-        clear: npt.NDArray[np.bool_] = neighbors.has_lane[:, lane] & lane_change_is_safe(
-            Approach(gap_m[:, OWN, FRONT], -speed_m_s[:, OWN, FRONT]),
-            Approach(gap_m[:, lane, FRONT], -speed_m_s[:, lane, FRONT]),
-            Approach(gap_m[:, lane, REAR], speed_m_s[:, lane, REAR]),
-            self._safety,
-        )
-        return clear
+
+@compiled
+def look(
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    road: RoadNumbers,
+    range_m: float,
+    offset: FloatArray,
+    scale: FloatArray,
+    bounds: npt.NDArray[np.float32],
+    rows: IntArray,
+    values: FloatArray,
+    codes: IntArray,
+    observations: npt.NDArray[np.float32],
+) -> None:
+    """Compute the indicators and the observation of each vehicle in ``rows``, shape (R,).
+
+    The first six arrays are those of a snapshot; ``offset``, ``scale`` and ``bounds`` are those of
+    ``ObservationScale``. The function fills the last three arrays, of R rows.
+    """
+    state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
+    for one in range(len(rows)):
+        indicators(*state, road, range_m, values[one], codes[one], rows[one])
+        scale_into(values[one], offset, scale, bounds, observations[one])
+
+
+@compiled
+def permit_sides(
+    values: FloatArray,
+    codes: IntArray,
+    best: IntArray,
+    lane_width_m: float,
+    safety: SafetyNumbers,
+    side: IntArray,
+) -> None:
+    """Set ``side`` to the permitted lane change of each vehicle, whose best action is ``best``."""
+    for one in range(len(best)):
+        sign, its, code = SIGNS[best[one] // 4], values[one], codes[one]
+        changing = abs(its[25] - code[LANE] * lane_width_m) > CENTERED_M
+        permitted = has_lane(code, sign) and is_clear(its, code, sign, safety)
+        side[one] = sign if permitted and not changing else 0
 
 
 def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
@@ -103,7 +154,3 @@ def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
             "train it again with make level_1, or set traffic.level_1_share to 0."
         ) from error
     return Level1(networks[0].layers, config, road)
-
-
-def _accelerations(ego: EgoConfig) -> FloatArray:
-    return np.array([longitudinal.acceleration_m_s2(ego) for longitudinal in Longitudinal])

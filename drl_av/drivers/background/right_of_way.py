@@ -4,85 +4,90 @@ Neither vehicle is in that lane yet, so neither counts in the other's gaps. With
 would begin and could collide in the middle of the lane.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+import numpy as np
 
-from drl_av.config import SimulationConfig
+from drl_av.compiled import compiled
 from drl_av.config.traffic import STANDSTILL_GAP_M
-from drl_av.road.road import Road
-from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.driving.affordances import IntArray
+from drl_av.road.road import FloatArray
+from drl_av.road.road_numbers import ahead_m, lane_of
 from drl_av.safety.stopping import stopping_distance
 
 
-class Entry(NamedTuple):
-    """A vehicle that is entering a lane, or that wants to enter it."""
-
-    row: int
-    """The vehicle's row index in the snapshot arrays."""
-    lane: int
-    """Index of the lane it enters."""
-
-
+@compiled
 def give_way(
-    traffic_commands: Sequence[TrafficCommand],
-    snapshot: Snapshot,
-    road: Road,
+    rows: IntArray,
+    sides: IntArray,
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    length_m: FloatArray,
+    road_m: tuple[float, float],
     braking_m_s2: float,
-    timing: SimulationConfig,
-) -> list[TrafficCommand]:
-    """Return the commands without the lane changes that conflict with another vehicle's.
+    times_s: tuple[float, float],
+) -> None:
+    """Set those of the wanted lane changes to 0 that conflict with another vehicle's.
 
     Two vehicles conflict if they enter the same lane from opposite sides, and the rear vehicle
     could not stop behind the front vehicle by braking with ``braking_m_s2`` from the next decision
-    on. A vehicle that is already changing lanes has priority. Between two others, the vehicle whose
-    command comes first in ``traffic_commands`` has priority.
+    on. A vehicle that is already changing lanes has priority. Between two others, the vehicle that
+    comes first in ``rows`` has priority.
+
+    Args:
+        rows: The row of each vehicle that decides, shape (R,).
+        sides: The lane change that it wants, shape (R,): +1 left, -1 right, 0 none.
+        s_m: The position of each vehicle, shape (1 + N,); the next four arrays likewise.
+        y_m: Its lateral position.
+        speed_m_s: Its speed.
+        lateral_speed_m_s: Its lateral speed.
+        length_m: Its length.
+        road_m: The lengths of a lap and of a lane's width, metres.
+        braking_m_s2: The hardest braking of the vehicles.
+        times_s: The time of a decision and of a SUMO step, seconds.
     """
-    if not any(command.side for command in traffic_commands):
-        return list(traffic_commands)
-    entries = _under_way(snapshot, road)
-    allowed = []
-    for command in traffic_commands:
-        if command.side:
-            lane = road.lane_of(float(snapshot.y_m[command.row])) + command.side
-            entry = Entry(command.row, lane)
-            if any(_meet(entry, other, snapshot, road, braking_m_s2, timing) for other in entries):
-                command = command._replace(side=0)
-            else:
-                entries.append(entry)
-        allowed.append(command)
-    return allowed
+    lap_m, width_m = road_m
+    most, count = len(s_m) + len(rows), 0
+    entering, lanes = np.empty(most, np.int64), np.empty(most, np.int64)
+    for row in range(len(s_m)):  # under way: the lane is the one whose centre it reaches next
+        if lateral_speed_m_s[row] != 0.0:
+            lane = lane_of(y_m[row], width_m)
+            leaves = (y_m[row] - lane * width_m) * lateral_speed_m_s[row] >= 0.0
+            toward = 1 if lateral_speed_m_s[row] > 0.0 else -1
+            entering[count], lanes[count] = row, lane + toward * leaves
+            count += 1
+    for one in range(len(rows)):
+        if sides[one] == 0:
+            continue
+        row, lane = rows[one], lane_of(y_m[rows[one]], width_m) + sides[one]
+        center_m, gives_way = lane * width_m, False
+        for place in range(count):
+            other = entering[place]
+            opposite = (y_m[row] < center_m) != (y_m[other] < center_m)
+            if lanes[place] == lane and opposite:
+                lead_m = ahead_m(s_m[row], s_m[other], lap_m)
+                rear, front = (row, other) if lead_m >= 0.0 else (other, row)
+                gap_m = abs(lead_m) - (length_m[row] + length_m[other]) / 2
+                rolled_m = closing_distance(
+                    speed_m_s[rear], speed_m_s[front], braking_m_s2, times_s
+                )
+                gives_way = gives_way or gap_m < STANDSTILL_GAP_M + rolled_m
+        if gives_way:
+            sides[one] = 0
+        else:
+            entering[count], lanes[count] = row, lane
+            count += 1
 
 
-def _under_way(snapshot: Snapshot, road: Road) -> list[Entry]:
-    """Return each vehicle that moves sideways; its lane is the one whose centre it reaches next."""
-    entries = []
-    for row, speed in enumerate(snapshot.lateral_speed_m_s.tolist()):
-        if speed:
-            y_m = float(snapshot.y_m[row])
-            lane = road.lane_of(y_m)
-            leaves = (y_m - road.center_m(lane)) * speed >= 0.0
-            entries.append(Entry(row, lane + (1 if speed > 0 else -1) * leaves))
-    return entries
+def closing_distance(
+    fast_m_s: float, slow_m_s: float, braking_m_s2: float, times_s: tuple[float, float]
+) -> float:
+    """Return by how much a gap shrinks, metres, until both vehicles stand.
 
-
-def _meet(
-    one: Entry,
-    other: Entry,
-    snapshot: Snapshot,
-    road: Road,
-    braking_m_s2: float,
-    timing: SimulationConfig,
-) -> bool:
-    center_m = road.center_m(one.lane)
-    sides = [float(snapshot.y_m[entry.row]) < center_m for entry in (one, other)]
-    if one.lane != other.lane or sides[0] == sides[1]:
-        return False
-    ahead_m = float(road.ahead_m(snapshot.s_m[one.row], snapshot.s_m[other.row]))
-    rear, front = (one.row, other.row) if ahead_m >= 0.0 else (other.row, one.row)
-    lengths_m = snapshot.length_m[[one.row, other.row]]
-    gap_m = abs(ahead_m) - float(lengths_m.sum()) / 2
-    fast, slow = (float(snapshot.speed_m_s[row]) for row in (rear, front))
-    step_s = timing.step_length_s
-    fast_m, slow_m = (stopping_distance(speed, braking_m_s2, step_s) for speed in (fast, slow))
-    rolled_m = timing.decision_interval_s * fast + max(float(fast_m - slow_m), 0.0)
-    return gap_m < STANDSTILL_GAP_M + rolled_m
+    The vehicle behind, of speed ``fast_m_s``, brakes one decision later than the one ahead.
+    """
+    decision_s, step_s = times_s
+    fast_m = stopping_distance(fast_m_s, braking_m_s2, step_s)
+    slow_m = stopping_distance(slow_m_s, braking_m_s2, step_s)
+    rolled_m: float = decision_s * fast_m_s + max(fast_m - slow_m, 0.0)
+    return rolled_m

@@ -89,12 +89,14 @@ class OthersAround(NamedTuple):
 class LowLevelController:
     """Chooses the ego's actions within the limits of the safety check.
 
-    ``open_lanes``, shape (L,), says which lanes are open. ``way`` is the direction of a mandatory
+    ``open_lanes``, shape (L,), says which lanes are open. ``due_side`` is that of a mandatory
     lane change: left +1, right -1, or 0 if none is mandatory.
     """
 
-    def __init__(self, open_lanes: BoolArray, ego: EgoConfig, limits: Limits, way: int = 0) -> None:
-        self._open, self._ego, self._limits, self._way = open_lanes, ego, limits, way
+    def __init__(
+        self, open_lanes: BoolArray, ego: EgoConfig, limits: Limits, due_side: int = 0
+    ) -> None:
+        self._open, self._ego, self._limits, self._due_side = open_lanes, ego, limits, due_side
         self._crossing_s = ego.lane_change_duration_s / 2
         rates = [ego.accelerate_m_s2, 0.0, -ego.brake_m_s2, -ego.hard_brake_m_s2]
         self._rates = np.array(rates)[:, None]
@@ -121,10 +123,10 @@ class LowLevelController:
         into, from_behind = own.where(crossed, front), own_rear.where(crossed, rear)
         if self._limits.followers_stay_behind:
             from_behind = NextVehicle(np.where(crossed, FAR_M, rear.gap_m), rear.speed_m_s)
-        margin_m = np.where(changes | (wanted == self._way), 0.0, MARGIN_M)
+        margin_m = np.where(changes | (wanted == self._due_side), 0.0, MARGIN_M)
         while_maintaining = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m)
         while_braking, brake = while_maintaining, -self._ego.brake_m_s2
-        if self._way:
+        if self._due_side:
             while_braking = self._permits(ego.speed_m_s, (own, into), from_behind, margin_m, brake)
         permitted = while_maintaining | while_braking
         if not self._ego.overtake_right:
@@ -134,7 +136,7 @@ class LowLevelController:
         if crossed.any():
             fails &= ~crossed | self._permits(ego.speed_m_s, (own, front), rear, 0.0)
         follows_both = changes & ~crossed | (begins != 0)
-        leaves = follows_both & (np.where(changes, direction, begins) == self._way)
+        leaves = follows_both & (np.where(changes, direction, begins) == self._due_side)
         rate = self._follow(ego.speed_m_s, front.where(leaves, own), front.where(follows_both, own))
         goes_on = self._to_continue(ego.speed_m_s, own, front)
         rate = np.where(follows_both, np.minimum(rate, goes_on), rate)
@@ -209,7 +211,7 @@ class LowLevelController:
             self._law(speed, own, LONG_HEADWAY_S), self._law(speed, front, LONG_HEADWAY_S)
         )
         accelerates = (braking == 0) & (may > ego.accelerate_m_s2 / 2)
-        if not self._way:
+        if not self._due_side:
             accelerates &= self._stays_steady(speed, own) & self._stays_steady(speed, front)
         return np.where(accelerates, ego.accelerate_m_s2, braking)
 

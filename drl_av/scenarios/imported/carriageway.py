@@ -30,6 +30,11 @@ class Carriageway(NamedTuple):
         return (*self.sections, *self.off_ramp[:1])
 
     @property
+    def left_out_m(self) -> float:
+        """Length of the route behind the off-ramp, metres; 0 without an exit."""
+        return max(self.off_ramp[-1].end_m - self.end_m, 0.0) if self.off_ramp else 0.0
+
+    @property
     def end_m(self) -> float:
         """Position where the ego's way ends, metres along the route; ``AFTER_M`` after an exit."""
         return self.sections[-1].end_m + (AFTER_M if self.off_ramp else 0.0)
@@ -63,6 +68,7 @@ def carriageway(route: Route) -> Carriageway:
 
     The route has an exit after an edge if none of the lanes that extend from the beginning of the
     route to this edge leads to the next edge of the route, but one of them leads to another edge.
+    Fewer than half of the lanes lead to an exit; otherwise the motorway itself turns off there.
 
     Raises:
         ScenarioError: no lane leads along the whole route or to an exit on the right, or the lane
@@ -84,6 +90,12 @@ def _leave(
     if not through & last.leading_away:
         raise ScenarioError(
             "has no lane that leads along all of it: name edges between which one does."
+        )
+    if 2 * len(last.leading_on) >= len(last.lanes):
+        raise ScenarioError(
+            f"goes on along the motorway from edge {last.edge!r} to edge {off_ramp!r}, but the "
+            "lanes in which it begins lead elsewhere: begin it on the motorway, not on a ramp, or "
+            f"end it on edge {last.edge!r}."
         )
     if last.leading_on[0] != last.lanes[0]:
         raise ScenarioError(
@@ -111,6 +123,10 @@ def _leave(
 def _moved(section: Section, lanes: int) -> Section:
     """Return a section whose lane indices are higher by ``lanes``."""
     return section._replace(
+        parts=tuple(
+            part._replace(attributes={lane + lanes: kept for lane, kept in part.attributes.items()})
+            for part in section.parts
+        ),
         lanes=range(section.lanes.start + lanes, section.lanes.stop + lanes),
         leading_on=range(section.leading_on.start + lanes, section.leading_on.stop + lanes),
         leading_away=frozenset(lane + lanes for lane in section.leading_away),

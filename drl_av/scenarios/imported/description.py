@@ -2,21 +2,22 @@
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import ClassVar
 
 from drl_av.config import TrafficConfig
 from drl_av.config.schema import setting
 from drl_av.config.traffic import STANDSTILL_GAP_M
-from drl_av.errors import ScenarioError
+from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.bounds import check_numbers
-from drl_av.road.road import OPEN_LAP_M, Road
+from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit
 from drl_av.scenarios import open_road
-from drl_av.scenarios.demo_traffic import traffic
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
 from drl_av.scenarios.imported.carriageway import Carriageway, carriageway
+from drl_av.scenarios.imported.curves import curve_limits
 from drl_av.scenarios.imported.route import Route, Section, read_route
 from drl_av.scenarios.layout import (
     RUN_OUT_M,
@@ -26,12 +27,32 @@ from drl_av.scenarios.layout import (
     OpenStart,
     RoadType,
     along,
+    cut_edge,
+    pieces_of,
     straight_on,
 )
-from drl_av.scenarios.netconvert import NETWORK_FILE
+from drl_av.scenarios.netconvert import NETWORK_FILE, PRECISION
 from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription
 from drl_av.scenarios.road_description import LANE_WIDTH_M, LANES, SPEED_LIMIT_M_S, toml_text
 
+LOWEST_LIMIT_M_S = partial(
+    setting,
+    1.0,
+    "ours",
+    "lower speed limits of the network are raised to this, m/s",
+    low=1,
+    high=100,
+)
+SIDEWAYS_M_S2 = partial(
+    setting,
+    5.5,
+    "ours",
+    "sideways acceleration that limits the speed in curves, m/s^2; netconvert's for junctions",
+    low=0.5,
+    high=10_000,
+)
+SHORTEST_PIECE_M = 0.5
+"""Length of the shortest piece of an edge between two changes of the speed limit."""
 SHORTEST_M, LONGEST_M = 600.0, 50_000.0
 """Lengths of the shortest and the longest route; on the shortest the ego drives 300 m."""
 
@@ -59,13 +80,16 @@ class ImportedDescription(OpenDescription):
     )
     from_edge: str = setting("", "yours", "id of the first edge of the route through net")
     to_edge: str = setting("", "yours", "id of the last edge of the route through net")
-    lowest_limit_m_s: float = setting(
-        1.0, "ours", "lower speed limits of the network are raised to this, m/s", low=1, high=100
-    )
+    lowest_limit_m_s: float = LOWEST_LIMIT_M_S()
+    sideways_m_s2: float = SIDEWAYS_M_S2()
+    left_out: tuple[str, ...] | None = None
+    """What the network says about the route and the scenario leaves out, one phrase each; None
+    finds it in the network."""
     route: Route = field(init=False, repr=False, compare=False)
     way: Carriageway = field(init=False, repr=False, compare=False)
     """The carriageway of the route, up to the exit if it has one, and the off-ramp there."""
-    limits_vary: ClassVar[bool] = True
+    curves: tuple[SpeedLimit, ...] = field(init=False, repr=False, compare=False)
+    """The parts of the route that are too sharp for its speed limits, each with its speed."""
 
     def __post_init__(self) -> None:
         check_numbers(self, "The scenario's ")
@@ -85,27 +109,39 @@ class ImportedDescription(OpenDescription):
         derived = {
             "route": route,
             "way": way,
-            "to_edge": way.off_ramp[0].edge if way.off_ramp else self.to_edge,
             "lanes": 1 + max(section.lanes[-1] for section in way.sections),
             "lane_width_m": route.lane_width_m,
-            "speed_limit_m_s": min(map(self._speed_limit, way.driven)),
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
+        fastest_m_s = max(self._raised(limit) for limit in _limits(way.driven))
+        curves = curve_limits(route.lines, self.sideways_m_s2, fastest_m_s)
+        object.__setattr__(self, "curves", tuple(one for one in curves if one[0] < way.end_m))
+        last = way.off_ramp[0].edge if way.off_ramp else self._edges(way.sections[-1])[-1].id
+        object.__setattr__(self, "to_edge", last)
+        left_out = self._left_out() if self.left_out is None else map(str, self.left_out)
+        object.__setattr__(self, "left_out", tuple(left_out))
+        limits = [edge.speed_limit_m_s for edge in self.plan().edges]
+        slowest = min(limit for limit in limits if limit is not None)
+        object.__setattr__(self, "speed_limit_m_s", slowest)
         self._check_route()
         super().__post_init__()
         self._check_flow()
-        require_usual_ego_reaches_exit(self.plan(), self.speed_limit_m_s)
+        fastest_m_s = max(one.limit_m_s for one in self.plan().start.speed_limits)
+        require_usual_ego_reaches_exit(self.plan(), fastest_m_s)
 
     def plan(self) -> OpenPlan:
         """Return the road: the route, a straight edge beyond its end or exit, and any off-ramp."""
-        way, edges = self.way, tuple(map(self._edge, self.way.sections))
+        way = self.way
+        edges = tuple(chain.from_iterable(map(self._edges, way.sections)))
         if way.off_ramp:
-            ends = {"through": self._straight_on("through", AFTER_M), "exit": self._off_ramp()}
+            through, off_ramp = self._straight_on(edges[-1], "through", AFTER_M), self._off_ramp()
+            ends = {"through": through, "exit": off_ramp}
         else:
-            ends = {"way": self._straight_on("beyond", RUN_OUT_M)}
+            ends = {"way": self._straight_on(edges[-1], "beyond", RUN_OUT_M)}
+        every = (*edges, *ends.values())
         return OpenPlan(
-            edges=(*edges, *ends.values()),
+            edges=every,
             routes={name: tuple(edge.id for edge in (*edges, end)) for name, end in ends.items()},
             road=Road(
                 OPEN_LAP_M,
@@ -115,6 +151,8 @@ class ImportedDescription(OpenDescription):
                 way.partial_lanes,
                 way.exit_m,
                 exit_lane=max(way.exit_lanes, default=0),
+                speed_limits=tuple(_stretches(every, [lane]) for lane in range(self.lanes)),
+                forbidden_lines=tuple(_forbidden_lines(edges)),
             ),
             start=OpenStart(
                 way.through,
@@ -122,39 +160,95 @@ class ImportedDescription(OpenDescription):
                 self.flow_per_h,
                 None,
                 START_M,
-                speed_limits=tuple(
-                    (section.end_m, self._speed_limit(section)) for section in way.sections
-                ),
+                speed_limits=_stretches(edges, way.through),
             ),
         )
 
     def to_toml(self) -> str:
-        """Return the description as TOML text; ``net`` names the file in the scenario's folder."""
-        return toml_text(self, net=NETWORK_FILE)
+        """Return the description as TOML text, which describes the network file of its folder.
 
-    def _speed_limit(self, section: Section) -> float:
-        return max(section.speed_limit_m_s, self.lowest_limit_m_s)
+        The limits in that file are raised already, and its curves have their limits.
+        """
+        lowest, curves = LOWEST_LIMIT_M_S.keywords["low"], SIDEWAYS_M_S2.keywords["high"]
+        return toml_text(
+            self, net=NETWORK_FILE, lowest_limit_m_s=float(lowest), sideways_m_s2=float(curves)
+        )
 
-    def _edge(self, section: Section) -> Edge:
-        return Edge(
+    @property
+    def summary(self) -> str:
+        """What was made of the network: length, lanes, limits, exit, and what is left out."""
+        way, road = self.way, self.plan().road
+        counts = sorted({len(section.lanes) for section in way.sections})
+        limits = sorted({limit for lane in road.speed_limits for *_, limit in lane})
+        lanes = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
+        speeds = f"{limits[0]:g} to {limits[-1]:g}" if len(limits) > 1 else f"{limits[0]:g}"
+        ends = [part for part in way.partial_lanes if part.end_m < math.inf]
+        begin = [part for part in way.partial_lanes if part.begin_m > 0.0]
+        facts = [
+            f"{way.sections[-1].end_m:.0f} m from edge {self.from_edge!r} on, {lanes} lanes of "
+            f"{self.lane_width_m:g} m, limits {speeds} m/s",
+            f"an exit on the right at {way.exit_m:.0f} m" if way.off_ramp else "no exit",
+            f"{len(begin)} lanes begin and {len(ends)} end along it",
+        ]
+        if road.forbidden_lines:
+            facts.append(f"{pluralize(len(road.forbidden_lines), 'forbidden line')}")
+        kept = "; ".join(self.left_out or ()) or "nothing"
+        for begin_m, _, limit_m_s in self.curves:
+            facts.append(f"a curve at {begin_m:.0f} m for {limit_m_s:.1f} m/s")
+        return f"The road: {'; '.join(facts)}.\nLeft out: {kept}."
+
+    def _raised(self, limit_m_s: float) -> float:
+        return max(limit_m_s, self.lowest_limit_m_s)
+
+    def _edges(self, section: Section) -> list[Edge]:
+        """Return the edges of a section, each with the limits of its lanes all along it."""
+        whole = Edge(
             section.edge,
             section.begin_m,
             section.end_m,
             section.lanes,
-            speed_limit_m_s=self._speed_limit(section),
             shape=section.shape,
             spread=section.spread,
         )
+        inner = [
+            end_m
+            for curve in self.curves
+            for end_m in (curve.begin_m, curve.end_m)
+            if section.begin_m + SHORTEST_PIECE_M < end_m < section.end_m - SHORTEST_PIECE_M
+        ]
+        joints = [part.end_m for part in section.parts[:-1]]
+        inner = [cut for cut in inner if all(abs(cut - at) > SHORTEST_PIECE_M for at in joints)]
+        cuts_m = sorted({round(cut_m, PRECISION) for cut_m in (*inner, *joints)})
+        edges = (self._limited(edge, section) for edge in cut_edge(whole, cuts_m, "part"))
+        return [*chain.from_iterable(map(pieces_of, _joined(edges)))]
 
-    def _straight_on(self, name: str, length_m: float) -> Edge:
+    def _limited(self, edge: Edge, section: Section) -> Edge:
+        """Return a part of a section's edge with the limits and the lines of its lanes."""
+        middle_m = (edge.begin_m + edge.end_m) / 2
+        part = next(part for part in section.parts if middle_m < part.end_m)
+        curve_m_s = min(
+            (
+                curve.limit_m_s
+                for curve in self.curves
+                if curve.begin_m < edge.end_m - SHORTEST_PIECE_M
+                and edge.begin_m + SHORTEST_PIECE_M < curve.end_m
+            ),
+            default=math.inf,
+        )
+        limits = (round(min(self._raised(one), curve_m_s), PRECISION) for one in part.limits_m_s)
+        return edge._replace(lane_limits_m_s=tuple(limits), lane_attributes=part.attributes)
+
+    def _straight_on(self, last: Edge, name: str, length_m: float) -> Edge:
         """Return a straight edge of that length, on which all lanes without an exit go on."""
-        last, way = self._edge(self.way.sections[-1]), self.way
+        way, gone = self.way, len(self.way.exit_lanes)
         drawn_m = max(length_m, way.end_m + RUN_OUT_M - last.end_m)
         return last._replace(
             id=f"{last.id}.{name}",
             begin_m=last.end_m,
             end_m=last.end_m + length_m,
-            lanes=last.lanes[len(way.exit_lanes) :],
+            lanes=last.lanes[gone:],
+            lane_limits_m_s=last.lane_limits_m_s[gone:],
+            lane_attributes={},
             shape=straight_on(last.shape, drawn_m),
         )
 
@@ -162,17 +256,30 @@ class ImportedDescription(OpenDescription):
         """Return the edge after the exit, drawn along the edges of the route after it."""
         way = self.way
         points = chain.from_iterable(section.shape for section in way.off_ramp)
-        return self._edge(way.off_ramp[0])._replace(
-            begin_m=way.exit_m,
-            end_m=way.end_m,
-            lanes=way.exit_lanes,
+        first, lanes = way.off_ramp[0], way.exit_lanes
+        near = [edge for edge in self._edges(first) if edge.begin_m < way.end_m]
+        limit_m_s = min(min(edge.lane_limits_m_s) for edge in near)
+        return Edge(
+            first.edge,
+            way.exit_m,
+            way.end_m,
+            lanes,
             drawn_aside_m=(0.0, OFF_RAMP_ASIDE_M),
+            lane_limits_m_s=(limit_m_s,) * len(lanes),
             shape=along(points, AFTER_M + RUN_OUT_M),
+            spread=first.spread,
         )
+
+    def _left_out(self) -> Iterator[str]:
+        """Yield a phrase for everything that the scenario leaves out."""
+        if self.way.left_out_m >= 1.0:
+            yield f"{self.way.left_out_m:.0f} m of the route behind the exit"
+        yield from self.route.left_out
 
     def _check_route(self) -> None:
         """Raise ScenarioError unless the ego can drive on the route."""
-        where, length_m = f"{self.net}: the route", self.way.end_m
+        way = self.way
+        where, length_m = f"{self.net}: the route", way.end_m
         if not SHORTEST_M <= length_m <= LONGEST_M:
             raise ScenarioError(
                 f"{where} is {length_m:.0f} m long, but must be {SHORTEST_M:g} to {LONGEST_M:g} m: "
@@ -181,7 +288,7 @@ class ImportedDescription(OpenDescription):
         for name, value, bounds in (
             ("lanes", self.lanes, LANES),
             ("lane_width_m", self.lane_width_m, LANE_WIDTH_M),
-            ("speed_limit_m_s", max(map(self._speed_limit, self.way.driven)), SPEED_LIMIT_M_S),
+            ("speed_limit_m_s", max(map(self._raised, _limits(way.driven))), SPEED_LIMIT_M_S),
         ):
             low, high = (bounds.keywords[key] for key in ("low", "high"))
             if not low <= value <= high:
@@ -204,6 +311,66 @@ class ImportedDescription(OpenDescription):
             )
 
 
+def _limits(sections: Iterable[Section]) -> Iterator[float]:
+    """Yield the speed limit of each lane of each part of some sections, m/s."""
+    for section in sections:
+        for part in section.parts:
+            yield from part.limits_m_s
+
+
+def _joined(edges: Iterable[Edge]) -> list[Edge]:
+    """Return edges one after another, with equal neighbours joined to one edge."""
+    found: list[Edge] = []
+    for edge in edges:
+        last = found[-1] if found else None
+        if last is not None and (last.lane_limits_m_s, last.lane_attributes) == (
+            edge.lane_limits_m_s,
+            edge.lane_attributes,
+        ):
+            found[-1] = last._replace(end_m=edge.end_m, shape=(*last.shape, *edge.shape[1:]))
+        else:
+            found.append(edge)
+    return found
+
+
+def _stretches(edges: Iterable[Edge], lanes: Collection[int]) -> tuple[SpeedLimit, ...]:
+    """Return the lowest limit of some lanes along edges; the last edge goes on for ever."""
+    found: list[SpeedLimit] = []
+    for edge in edges:
+        pairs = zip(edge.lanes, edge.lane_limits_m_s, strict=True)
+        limits = [limit_m_s for lane, limit_m_s in pairs if lane in lanes]
+        if not limits:
+            continue
+        if found and found[-1][1:] == (edge.begin_m, min(limits)):
+            found[-1] = found[-1]._replace(end_m=edge.end_m)
+        else:
+            found.append(SpeedLimit(edge.begin_m, edge.end_m, min(limits)))
+    return (*found[:-1], found[-1]._replace(end_m=OPEN_LAP_M))
+
+
+def _forbidden_lines(edges: Iterable[Edge]) -> list[ForbiddenLine]:
+    """Return the lines that may not be crossed, each over all edges that it follows."""
+    found: list[ForbiddenLine] = []
+    for edge in edges:
+        for lane, attributes in edge.lane_attributes.items():
+            for key, side in (("changeLeft", 1), ("changeRight", -1)):
+                if key in attributes and lane + side in edge.lanes:
+                    line = ForbiddenLine(lane, side, edge.begin_m, edge.end_m)
+                    before = next(
+                        (
+                            one
+                            for one in found
+                            if one == line._replace(begin_m=one.begin_m, end_m=line.begin_m)
+                        ),
+                        None,
+                    )
+                    if before is not None:
+                        found.remove(before)
+                        line = line._replace(begin_m=before.begin_m)
+                    found.append(line)
+    return found
+
+
 def read_layout(network: ET.Element, description: ImportedDescription, name: str) -> Layout:
     """Return the layout of a network file; ``network`` is its root element, ``name`` its path.
 
@@ -223,5 +390,5 @@ IMPORTED = RoadType(
     ImportedDescription,
     open_road.network_text,
     read_layout,
-    traffic,
+    open_road.traffic,
 )

@@ -2,23 +2,37 @@
 
 import importlib
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.scenarios.safe_xml import MAX_DEPTH, parse_xml
 
 REMEDY = "name a network file that netedit or netconvert has written"
+CUT_OUT = "cut out the part with your route by netconvert -s FILE --keep-edges.in-boundary"
 BROKEN = (KeyError, IndexError, ValueError, TypeError, AttributeError, AssertionError)
 """The errors with which sumolib fails on a file that is no network."""
+CHILDREN = ("stopOffset", "neigh", "conflict")
+"""Child elements of edges, lanes and connections that change how SUMO drives."""
+Attributes = dict[str, str]
 
 
 class NetFile(NamedTuple):
-    """A network that sumolib has read."""
+    """A network that sumolib has read, and what sumolib leaves out."""
 
     net: Any
     """The ``sumolib.net.Net``, with the lanes inside junctions."""
-    spreads: dict[str, str]
-    """SUMO's spreadType of each edge: how its lanes lie about its shape, by edge id."""
+    edges: dict[str, Attributes]
+    """The attributes of each edge by its id. A child element is an attribute with its name."""
+    lanes: dict[str, Attributes]
+    connections: dict[tuple[str, str, str, str], Attributes]
+    """By (from, fromLane, to, toLane)."""
+    class_limits: dict[str, Attributes]
+    """The speed limits of classes of vehicles, by the type of an edge and the class."""
+    lights: dict[str, list[str]]
+    """The states of all phases of the traffic lights, by id."""
+    drives_left: bool
+    """Whether its traffic drives on the left."""
 
 
 class _Elements:
@@ -28,30 +42,47 @@ class _Elements:
         self._reader = importlib.import_module("sumolib.net").NetReader(
             withInternal=True, withFoes=False
         )
-        self._depth = 0
-        self._spreads: dict[str, str] = {}
+        self._open: list[tuple[str, Attributes]] = []
+        self._found = NetFile(None, {}, {}, {}, {}, {}, False)
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
+    def start(self, tag: str, attributes: Attributes) -> None:
         """Pass the start of an element to sumolib; raise ValueError if it is not allowed."""
-        self._depth += 1
-        if self._depth > MAX_DEPTH:
+        above = self._open[-1] if self._open else ("", {})
+        self._open.append((tag, attributes))
+        if len(self._open) > MAX_DEPTH:
             raise ValueError(f"it nests elements more than {MAX_DEPTH} deep")
-        if (self._depth == 1) != (tag == "net"):
+        if (len(self._open) == 1) != (tag == "net"):
             raise ValueError(f"it is no network of SUMO, but has an element <{tag[:40]}>")
-        if tag == "net" and attributes.get("lefthand") in ("1", "true"):
-            raise ValueError("its traffic drives on the left, and drl-av's on the right")
-        if tag == "lane":
-            _require_numbers(attributes)
-        if tag == "edge" and "id" in attributes:
-            self._spreads[attributes["id"]] = attributes.get("spreadType", "right")
         try:
+            self._keep(tag, attributes, above)
             self._reader.startElement(tag, attributes)
         except BROKEN as error:
             raise ValueError(f"its <{tag}> lacks or misstates {error}") from error
 
+    def _keep(self, tag: str, attributes: Attributes, above: tuple[str, Attributes]) -> None:
+        """Keep what sumolib leaves out; ``above`` is the element that contains this one."""
+        found, (parent, its) = self._found, above
+        if tag == "net" and attributes.get("lefthand") in ("1", "true"):
+            self._found = found._replace(drives_left=True)
+        elif tag == "edge":
+            found.edges[attributes["id"]] = attributes
+        elif tag == "lane":
+            _require_numbers(attributes)
+            found.lanes[attributes["id"]] = attributes
+        elif tag == "connection":
+            keys = (attributes[key] for key in ("from", "fromLane", "to", "toLane"))
+            found.connections[next(keys), next(keys), next(keys), next(keys)] = attributes
+        elif tag == "restriction" and parent == "type":
+            limits = found.class_limits.setdefault(its["id"], {})
+            limits[attributes["vClass"]] = attributes["speed"]
+        elif tag == "phase" and parent == "tlLogic":
+            found.lights.setdefault(its["id"], []).append(attributes["state"])
+        elif tag in CHILDREN and parent in ("edge", "lane", "connection"):
+            its[tag] = " ".join(attributes.values())
+
     def end(self, tag: str) -> None:
         """Pass the end of an element to sumolib."""
-        self._depth -= 1
+        self._open.pop()
         self._reader.endElement(tag)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
@@ -60,10 +91,10 @@ class _Elements:
 
     def close(self) -> NetFile:
         """Return the network."""
-        return NetFile(self._reader.getNet(), self._spreads)
+        return self._found._replace(net=self._reader.getNet())
 
 
-def _require_numbers(lane: dict[str, str]) -> None:
+def _require_numbers(lane: Attributes) -> None:
     """Raise ValueError unless the numbers of a lane are finite and not negative."""
     for key in ("length", "speed", "width"):
         if key in lane and not 0 <= float(lane[key]) < math.inf:
@@ -74,8 +105,27 @@ def read_net(path: Path) -> NetFile:
     """Read a network file of SUMO.
 
     Raises:
-        ScenarioError: the file is missing, damaged, larger than 64 MB or not a network of SUMO, or
-            its traffic drives on the left.
+        ScenarioError: the file is missing, damaged, larger than 64 MB or not a network of SUMO.
     """
-    found: NetFile = parse_xml(path, _Elements(), REMEDY)
+    found: NetFile = parse_xml(path, _Elements(), REMEDY, CUT_OUT)
     return found
+
+
+def class_limit(file: NetFile, edge: str, vehicle_class: str) -> float | None:
+    """Return the speed limit that an edge has for a class of vehicles, m/s; None if it has none.
+
+    SUMO then obeys it in place of the limit of the lanes.
+    """
+    stated = file.class_limits.get(file.edges[edge].get("type", ""), {}).get(vehicle_class)
+    return None if stated is None else float(stated)
+
+
+def other_class_limits(file: NetFile, edges: Sequence[str], vehicle_class: str) -> list[str]:
+    """Return a phrase for each speed limit of another class of vehicles on these edges."""
+    found = {
+        f"the limit of {other} on edges of type {kind!r}, {float(limit):g} m/s"
+        for kind in {file.edges[edge].get("type", "") for edge in edges}
+        for other, limit in file.class_limits.get(kind, {}).items()
+        if other != vehicle_class
+    }
+    return sorted(found)

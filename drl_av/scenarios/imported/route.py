@@ -1,28 +1,53 @@
 """Finds a route in a network of the user, and follows its lanes from edge to edge."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
-from drl_av.scenarios.imported.net_file import BROKEN, REMEDY, NetFile, read_net
+from drl_av.scenarios.imported.attributes import Found, left_out
+from drl_av.scenarios.imported.curves import Line
+from drl_av.scenarios.imported.net_file import (
+    BROKEN,
+    REMEDY,
+    Attributes,
+    NetFile,
+    other_class_limits,
+    read_net,
+)
+from drl_av.scenarios.imported.passage import (
+    CARS,
+    Step,
+    car_lanes,
+    lane_limit_m_s,
+    open_range,
+    step_between,
+)
 from drl_av.scenarios.layout import Point
 from drl_av.scenarios.netconvert import PRECISION
 
-CARS = "passenger"
-"""SUMO's class of vehicles that the lanes must admit."""
-PRIORITY = ("M", "Z")
-"""SUMO's states of a connection that need not give way to other traffic: major, and zipper."""
-TOLERANCE_M = 0.01
-"""Largest difference between the lengths of the lanes of an edge; SUMO rounds to centimetres."""
 SHORTEST_M = 0.1
 """Smallest length of an edge in SUMO."""
 MOST_EDGES = 1000
 """Largest number of edges of a route."""
+FORBIDDEN = "authority"
+"""SUMO's classes of vehicles that may cross a forbidden line of the road that is written."""
 FARTHEST_M = 1e7
 """Largest coordinate of a network in metres."""
+
+
+class Part(NamedTuple):
+    """A part of a section: the edge itself, or the way through the junction after it."""
+
+    end_m: float
+    """Its end, metres along the route."""
+    limits_m_s: tuple[float, ...]
+    """The speed limit of each of the section's lanes."""
+    attributes: Mapping[int, Mapping[str, str]]
+    """Further SUMO attributes of lanes, by the index of the lane on the road."""
 
 
 class Section(NamedTuple):
@@ -33,7 +58,8 @@ class Section(NamedTuple):
     begin_m: float
     end_m: float
     """Its beginning, and the end of the way through the junction, in metres along the route."""
-    speed_limit_m_s: float
+    parts: tuple[Part, ...]
+    """One part, or two if the lanes inside the junction differ from those of the edge."""
     lanes: range
     """Indices of its lanes on the road, rightmost first."""
     leading_on: range
@@ -50,6 +76,10 @@ class Route(NamedTuple):
 
     sections: tuple[Section, ...]
     lane_width_m: float
+    lines: tuple[Line, ...]
+    """For each edge but the first, the middle of a lane that leads to it and along it."""
+    left_out: tuple[str, ...]
+    """What the network says about the route and is not part of it, one phrase each."""
 
     @property
     def length_m(self) -> float:
@@ -57,26 +87,14 @@ class Route(NamedTuple):
         return self.sections[-1].end_m
 
 
-class _Step(NamedTuple):
-    """The way from an edge to the next one."""
-
-    leading_on: range
-    """Lane indices in SUMO, on the first edge."""
-    shift: int
-    """The SUMO index of a lane on the second edge minus that of the same lane on the first."""
-    length_m: float
-    """Mean length of the lanes inside the junction between them."""
-    leading_away: frozenset[int]
-    """Lane indices in SUMO, on the first edge, of the lanes that lead to yet another edge."""
-
-
 def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
     """Return the shortest route for cars from one edge to another in a network file.
 
-    The length of a lane inside a junction counts as part of the edge before the junction. Where the
-    number of lanes changes, SUMO's connections determine which lanes continue; all others begin or
-    end there. If a lane leads to two lanes of the next edge, drl-av makes the choice with which the
-    largest number of lanes continues.
+    The way through a junction counts as part of the edge before it. Where the number of lanes
+    changes, SUMO's connections determine which lanes continue; all others begin or end there. If a
+    lane leads to two lanes of the next edge, drl-av makes the choice with which the largest number
+    of lanes continues. A lane that is closed to cars is no lane. A network whose traffic drives on
+    the left is mirrored.
 
     Raises:
         ScenarioError: the file is no network of SUMO, there is no such route, or the route is no
@@ -85,11 +103,13 @@ def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
     file = read_net(path)
     try:
         edges = _way(file.net, from_edge, to_edge)
-        for edge in edges:
-            _require_equal_lanes(edge)
+        opened = [open_range(edge) for edge in edges]
         width_m = _lane_width(edges)
-        steps = [_step(file.net, edge, following) for edge, following in pairwise(edges)]
-        return Route(tuple(_sections(file, edges, steps)), width_m)
+        steps = [step_between(file, edge, following) for edge, following in pairwise(edges)]
+        last = Step(range(0), 0, {}, {}, frozenset(), ())
+        sections = _sections(file, edges, opened, [*steps, last])
+        lines = tuple(_lines(file, edges, steps, sections))
+        return Route(tuple(sections), width_m, lines, tuple(_left_out(file, edges, steps)))
     except ScenarioError as error:
         raise ScenarioError(f"{path}: {error}") from error
     except BROKEN as error:
@@ -120,32 +140,9 @@ def _way(net: Any, from_edge: str, to_edge: str) -> Sequence[Any]:
     return edges
 
 
-def _require_equal_lanes(edge: Any) -> None:
-    """Raise ScenarioError unless the lanes of an edge admit cars and have one length and limit."""
-    name, lanes = edge.getID(), edge.getLanes()
-    for lane in lanes:
-        if not lane.allows(CARS):
-            raise ScenarioError(
-                f"lane {lane.getID()!r} is closed to passenger cars: remove it in netedit, or "
-                "choose another route."
-            )
-    limits = sorted({lane.getSpeed() for lane in lanes})
-    if len(limits) > 1:
-        raise ScenarioError(
-            f"the lanes of edge {name!r} have the speed limits {limits[0]:g} to {limits[-1]:g} "
-            "m/s, but must have one: change it in netedit, or choose another route."
-        )
-    lengths = sorted(lane.getLength() for lane in lanes)
-    if lengths[-1] - lengths[0] > TOLERANCE_M:
-        raise ScenarioError(
-            f"the lanes of edge {name!r} are {lengths[0]:g} to {lengths[-1]:g} m long, but must be "
-            "equally long: write the network again with netconvert."
-        )
-
-
 def _lane_width(edges: Sequence[Any]) -> float:
     """Return the width of all lanes of a route; raise ScenarioError if they are not equal."""
-    lanes = [lane for edge in edges for lane in edge.getLanes()]
+    lanes = [lane for edge in edges for lane in car_lanes(edge)]
     width_m = float(lanes[0].getWidth())
     for lane in lanes:
         if lane.getWidth() != width_m:
@@ -157,98 +154,171 @@ def _lane_width(edges: Sequence[Any]) -> float:
     return width_m
 
 
-def _step(net: Any, edge: Any, following: Any) -> _Step:
-    """Return the way from an edge to the following one."""
-    ways = {
-        (way.getFromLane().getIndex(), way.getToLane().getIndex()): way
-        for way in edge.getConnections(following)
-        if way.allows(CARS)
-    }
-    lanes = range(edge.getLaneNumber())
-    aligned_left = following.getLaneNumber() - len(lanes)
-
-    def likelihood(shift: int) -> tuple[int, int]:
-        kept = sum((lane, lane + shift) in ways for lane in lanes)
-        return kept, -abs(shift - aligned_left)
-
-    shift = max(range(1 - len(lanes), following.getLaneNumber()), key=likelihood)
-    leading_on = [lane for lane in lanes if (lane, lane + shift) in ways]
-    if leading_on != [*range(leading_on[0], leading_on[-1] + 1)]:
-        raise ScenarioError(
-            f"between lanes of edge {edge.getID()!r} that lead on to edge {following.getID()!r} "
-            "lies one that does not: connect it in netedit, or choose another route."
-        )
-    passages = [ways[lane, lane + shift] for lane in leading_on]
-    for passage in passages:
-        _require_priority(passage)
-    lengths = [_inside_m(net, passage) for passage in passages]
-    away = frozenset(
-        way.getFromLane().getIndex()
-        for other, others in edge.getOutgoing().items()
-        for way in others
-        if other is not following and way.allows(CARS)
-    )
-    return _Step(range(leading_on[0], leading_on[-1] + 1), shift, sum(lengths) / len(lengths), away)
-
-
-def _require_priority(passage: Any) -> None:
-    """Raise ScenarioError if other traffic may have priority over a passage of a junction."""
-    junction, edge = passage.getJunction().getID(), passage.getFrom().getID()
-    if passage.getTLSID():
-        raise ScenarioError(
-            f"junction {junction!r} at the end of edge {edge!r} has traffic lights: choose a "
-            "route without, or remove them in netedit."
-        )
-    if passage.getState() not in PRIORITY:
-        raise ScenarioError(
-            f"the route gives way at junction {junction!r} at the end of edge {edge!r}, but "
-            "traffic from elsewhere is left out: choose a route that has priority."
-        )
-
-
-def _inside_m(net: Any, passage: Any) -> float:
-    """Return the length of the lanes inside a junction on a passage through it, metres."""
-    length_m, via = 0.0, passage.getViaLaneID()
-    passed: list[str] = []
-    while via and via not in passed:
-        passed.append(via)
-        edge, _, index = via.rpartition("_")
-        lane = net.getEdge(edge).getLane(int(index))
-        length_m += float(lane.getLength())
-        via = next((way.getViaLaneID() for way in lane.getOutgoing()), "")
-    return length_m
-
-
-def _sections(file: NetFile, edges: Sequence[Any], steps: Sequence[_Step]) -> list[Section]:
+def _sections(
+    file: NetFile, edges: Sequence[Any], opened: Sequence[range], steps: Sequence[Step]
+) -> list[Section]:
     """Return the sections of a route; the lowest lane index on the road is 0."""
     rightmost = [0]
-    for step in steps:
+    for step in steps[:-1]:
         rightmost.append(rightmost[-1] - step.shift)
-    lowest, begin_m = min(rightmost), 0.0
+    lowest = min(right + lanes[0] for right, lanes in zip(rightmost, opened, strict=True))
+    begin_m = 0.0
     sections: list[Section] = []
-    last = _Step(range(edges[-1].getLaneNumber()), 0, 0.0, frozenset())
-    for edge, right, step in zip(edges, rightmost, (*steps, last), strict=True):
+    for edge, right, lanes, step in zip(edges, rightmost, opened, steps, strict=True):
         first = right - lowest
-        shape = tuple((float(x), float(y)) for x, y in edge.getRawShape())
-        if not all(abs(at_m) < FARTHEST_M for point in shape for at_m in point):
-            raise ScenarioError(
-                f"the shape of edge {edge.getID()!r} has a coordinate beyond {FARTHEST_M / 1e3:g} "
-                "km: write the network again with netconvert."
-            )
         length_m = max(edge.getLength() + step.length_m, SHORTEST_M)
         end_m = round(begin_m + length_m, PRECISION)
+        inside_m = round(end_m - step.length_m, PRECISION)
+        parts = _parts(file, edge, lanes, step, (inside_m, end_m), first)
+        on = step.leading_on if step.inside else lanes
         sections.append(
             Section(
                 edge.getID(),
                 begin_m,
                 end_m,
-                float(edge.getSpeed()),
-                range(first, first + edge.getLaneNumber()),
-                range(first + step.leading_on.start, first + step.leading_on.stop),
+                tuple(parts),
+                _shifted(lanes, first),
+                _shifted(on, first),
                 frozenset(first + lane for lane in step.leading_away),
-                shape,
-                file.spreads[edge.getID()],
+                _shape(file, edge),
+                file.edges[edge.getID()].get("spreadType", "right"),
             )
         )
         begin_m = end_m
     return sections
+
+
+def _shifted(lanes: range, by: int) -> range:
+    return range(lanes.start + by, lanes.stop + by)
+
+
+def _shape(file: NetFile, edge: Any) -> tuple[Point, ...]:
+    """Return the line along which an edge is drawn; its mirror image if traffic drives left."""
+    mirror = -1.0 if file.drives_left else 1.0
+    shape = tuple((float(x), mirror * float(y)) for x, y in edge.getRawShape())
+    if not all(abs(at_m) < FARTHEST_M for point in shape for at_m in point):
+        raise ScenarioError(
+            f"the shape of edge {edge.getID()!r} has a coordinate beyond {FARTHEST_M / 1e3:g} "
+            "km: write the network again with netconvert."
+        )
+    return shape
+
+
+def _parts(
+    file: NetFile,
+    edge: Any,
+    lanes: range,
+    step: Step,
+    ends_m: tuple[float, float],
+    first: int,
+) -> list[Part]:
+    """Return the parts of a section: the edge up to the first end, and the junction after it.
+
+    The junction is a part of its own if lines are forbidden there, or if its lanes are slower than
+    the lanes before and behind it. A speed between the two is where SUMO lets vehicles brake.
+    """
+    own = {lane: file.lanes[f"{edge.getID()}_{lane}"] for lane in lanes}
+    limits = [lane_limit_m_s(file, edge, lane) for lane in lanes]
+    attributes = {
+        first + lane: found for lane in lanes if (found := _rules(own[lane], [own[lane]]))
+    }
+    edge_part = Part(ends_m[1], tuple(limits), attributes)
+    if ends_m[1] - ends_m[0] < SHORTEST_M or ends_m[0] < SHORTEST_M or not step.inside:
+        return [edge_part]
+    inside_limits = [
+        min((float(one["speed"]) for one in step.inside.get(lane, ())), default=limit)
+        for lane, limit in zip(lanes, limits, strict=True)
+    ]
+    inside = {
+        first + lane: found
+        for lane in lanes
+        if (found := _rules(own[lane], step.inside.get(lane, ())))
+    }
+    slower = any(
+        inside_limit < min(limit, step.further_m_s.get(lane, limit))
+        for lane, limit, inside_limit in zip(lanes, limits, inside_limits, strict=True)
+    )
+    inside_part = Part(ends_m[1], tuple(inside_limits if slower else limits), inside)
+    if inside_part == edge_part:
+        return [edge_part]
+    return [edge_part._replace(end_m=ends_m[0]), inside_part]
+
+
+def _rules(own: Attributes, lanes: Sequence[Attributes]) -> dict[str, str]:
+    """Return the SUMO attributes that the road that is written gets from lanes one after another.
+
+    ``own`` is the lane of the edge, which says whether it is an acceleration lane.
+    """
+    found = {"acceleration": "1"} if own.get("acceleration") in ("1", "true") else {}
+    for key in ("changeLeft", "changeRight"):
+        if any(key in lane and not _permits(lane[key]) for lane in lanes):
+            found[key] = FORBIDDEN
+    return found
+
+
+def _permits(classes: str) -> bool:
+    """Whether SUMO's list of classes that may change lanes contains cars."""
+    return not {"all", CARS}.isdisjoint(classes.split())
+
+
+def _lines(
+    file: NetFile, edges: Sequence[Any], steps: Sequence[Step], sections: Sequence[Section]
+) -> Iterator[Line]:
+    """Yield for each two edges the middle of a lane along both and the junction between them."""
+    for row, (edge, following) in enumerate(pairwise(edges)):
+        step, begin_m = steps[row], sections[row].begin_m
+        lane = step.leading_on[-1]
+        own = file.lanes[f"{edge.getID()}_{lane}"]
+        further = file.lanes[f"{following.getID()}_{lane + step.shift}"]
+        yield [
+            *_places([own, *step.inside[lane]], begin_m),
+            *_places([further], sections[row].end_m),
+        ]
+    if len(edges) == 1:
+        yield [*_places([file.lanes[f"{edges[0].getID()}_{open_range(edges[0])[-1]}"]], 0.0)]
+
+
+def _places(lanes: Iterable[Attributes], begin_m: float) -> Iterator[tuple[float, Point]]:
+    """Yield the points of lanes one after another, with their positions from ``begin_m`` on."""
+    for lane in lanes:
+        length_m = float(lane["length"])
+        points = [_point(text) for text in lane["shape"].split()]
+        for share, point in zip(_shares(points), points, strict=True):
+            yield begin_m + share * length_m, point
+        begin_m += length_m
+
+
+def _point(text: str) -> Point:
+    x, y = text.split(",")[:2]
+    return float(x), float(y)
+
+
+def _shares(points: Sequence[Point]) -> list[float]:
+    """Return the position of each point of a line as a share of its length."""
+    ways_m = [0.0]
+    for begin, end in pairwise(points):
+        ways_m.append(ways_m[-1] + math.dist(begin, end))
+    return [way_m / ways_m[-1] if ways_m[-1] else 0.0 for way_m in ways_m]
+
+
+def _left_out(file: NetFile, edges: Sequence[Any], steps: Sequence[Step]) -> Iterator[str]:
+    """Yield a phrase for everything that the network says about the route and that is left out."""
+    if file.drives_left:
+        yield "that its traffic drives on the left: the road is its mirror image"
+    names = [edge.getID() for edge in edges]
+    for edge, name in zip(edges, names, strict=True):
+        yield from left_out(Found("edge", f"edge {name!r}", file.edges[name]))
+        for lane in edge.getLanes():
+            found = Found("lane", f"lane {lane.getID()!r}", file.lanes[lane.getID()])
+            if lane.allows(CARS):
+                yield from left_out(found)
+            else:
+                yield f"{found.name}, which is closed to cars"
+    yield from other_class_limits(file, names, CARS)
+    ends = {*pairwise(names)}
+    for (from_edge, lane, to_edge, to_lane), attributes in file.connections.items():
+        if (from_edge, to_edge) in ends:
+            name = f"the way from lane '{from_edge}_{lane}' to '{to_edge}_{to_lane}'"
+            yield from left_out(Found("connection", name, attributes))
+    for step in steps:
+        yield from step.left_out

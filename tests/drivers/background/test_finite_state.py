@@ -1,13 +1,12 @@
 """The finite-state machine: cruise, follow, change lanes, by gaps and relative speeds."""
 
-import numpy as np
 import pytest
 from hypothesis import given
 from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, Car, ahead, behind, scenes, snapshot
 
 from drl_av.config import FiniteStateConfig
 from drl_av.drivers.background.finite_state import State, finite_state
-from drl_av.drivers.background.surroundings import surroundings
+from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import Scene
 from drl_av.road.snapshot import Snapshot
 
@@ -19,9 +18,9 @@ def decide(
     shot: Snapshot, state: State = CRUISE, desired_m_s: float = 30.0
 ) -> tuple[State, float, int]:
     """The ego's next state, acceleration and side."""
-    neighbors = surroundings(shot, ROAD, 250.0, np.array([0]))
-    states, decisions = finite_state(neighbors, np.array([state]), np.array([desired_m_s]), CONFIG)
-    return State(states[0]), float(decisions.acceleration_m_s2[0]), int(decisions.side[0])
+    values, codes, *_ = compute_affordances(shot, ROAD, 250.0).arrays()
+    after, acceleration, side = finite_state(values, codes, LANE_M, state, desired_m_s, CONFIG)
+    return State(after), float(acceleration), side
 
 
 FENCE = (Car(0.0, LEFT), Car(0.0, RIGHT))
@@ -132,23 +131,9 @@ def test_a_lane_change_that_sumo_did_not_begin_is_given_up() -> None:
     assert decide(blocked, CHANGE)[::2] == (FOLLOW, 0)
 
 
-def test_each_remembers_its_own_state() -> None:
-    # both 50 m behind a vehicle of their speed
-    shot = snapshot(ahead(50.0), Car(20.0, RIGHT), Car(75.0, RIGHT))
-    neighbors = surroundings(shot, ROAD, 250.0, np.array([2, 0]))
-    states, _ = finite_state(neighbors, np.array([CRUISE, FOLLOW]), np.full(2, 20.0), CONFIG)
-    assert states.tolist() == [CRUISE, FOLLOW]
-
-
 @given(scenes())
 def test_wherever_it_is_it_stays_within_its_bounds_and_on_the_road(world: Scene) -> None:
-    shot = world.snapshot
-    rows = np.arange(len(shot.ids))
     for state in State:
-        neighbors = surroundings(shot, ROAD, 250.0, rows)
-        _, decisions = finite_state(
-            neighbors, np.full(len(rows), state), np.full(len(rows), 25.0), CONFIG
-        )
-        assert (np.abs(decisions.acceleration_m_s2 + 1) <= 3).all()
-        lane = np.floor(shot.y_m / LANE_M + 0.5) + decisions.side
-        assert ((lane >= 0) & (lane <= 2)).all()
+        _, acceleration, side = decide(world.snapshot, state, 25.0)
+        assert abs(acceleration + 1) <= 3
+        assert 0 <= ROAD.lane_of(float(world.snapshot.y_m[0])) + side <= 2

@@ -3,31 +3,31 @@
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
-from worlds import CENTER, LEFT, LENGTH_M, RIGHT, ROAD, Car, ahead, behind, snapshot
+from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, seen_from, snapshot
 
 from drl_av.config import Config
 from drl_av.drivers.background.level_k import LEVEL_1, Level1, level_0, load_level_1
-from drl_av.drivers.background.surroundings import Surroundings, surroundings
 from drl_av.drivers.network import Layers, QNetwork, forward
-from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import ObservationScale
+from drl_av.drivers.policy_file import save_policy
+from drl_av.driving.actions import ACTIONS, acceleration_of
+from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import CheckpointError
-from drl_av.learning.checkpoint import save_policy
 from drl_av.road.snapshot import Snapshot
 
 CONFIG = Config()
 ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE = 2.0, 0.0, -2.0, -4.0
 
 
-def look(shot: Snapshot) -> Surroundings:
-    return surroundings(shot, ROAD, 250.0, np.arange(len(shot.ids)))
+def rows_of(shot: Snapshot) -> npt.NDArray[np.intp]:
+    return np.arange(len(shot.ids))
 
 
 def wanted_by_ego(*others: Car) -> float:
-    decisions = level_0(look(snapshot(*others)), CONFIG.level_0, CONFIG.ego)
-    assert not decisions.side.any()
-    return float(decisions.acceleration_m_s2[0])
+    values, codes, *_ = compute_affordances(snapshot(*others), ROAD, 250.0).arrays()
+    return acceleration_of(level_0(values, codes, CONFIG.level_0), CONFIG.ego)
 
 
 @pytest.mark.parametrize(
@@ -60,14 +60,6 @@ def test_level_0_looks_neither_behind_nor_aside_and_keeps_its_lane() -> None:
     assert wanted_by_ego() == ACCELERATE
 
 
-def test_level_0_decides_for_each_by_its_own_vehicle_ahead() -> None:
-    # three in a row: the ego nears the next one, which stays 10 m behind the first
-    shot = snapshot(ahead(20.0, speed_m_s=15.0), Car(40.0, CENTER, 15.0))
-    decisions = level_0(look(shot), CONFIG.level_0, CONFIG.ego)
-    assert decisions.acceleration_m_s2.tolist() == [BRAKE, BRAKE, ACCELERATE]
-    assert 40.0 - 25.0 - LENGTH_M == 10.0
-
-
 def always(number: int) -> Layers:
     """A network that prefers one action everywhere."""
     bias = np.zeros(12, dtype=np.float32)
@@ -78,7 +70,8 @@ def always(number: int) -> Layers:
 @pytest.mark.parametrize("action", ACTIONS, ids=str)
 def test_level_1_wants_what_the_action_of_the_greatest_value_says(action: object) -> None:
     number = ACTIONS.index(action)  # type: ignore[arg-type]
-    decisions = Level1(always(number), CONFIG, ROAD)(look(snapshot(ahead(50.0))))
+    shot = snapshot(ahead(50.0))
+    decisions = Level1(always(number), CONFIG, ROAD)(shot, rows_of(shot))
     side = (0, -1, 1)[number // 4]
     acceleration = (MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE)[number % 4]
     assert decisions.side.tolist() == [side, side]
@@ -90,7 +83,7 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     number: int, sides: list[int]
 ) -> None:
     shot = snapshot(Car(50.0, RIGHT), Car(100.0, LEFT), Car(150.0, CENTER + 0.76))
-    assert Level1(always(number), CONFIG, ROAD)(look(shot)).side.tolist() == sides
+    assert Level1(always(number), CONFIG, ROAD)(shot, rows_of(shot)).side.tolist() == sides
 
 
 @pytest.mark.parametrize(
@@ -111,8 +104,8 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     ],
 )
 def test_level_1_changes_lanes_where_rule_3_permits_it(others: tuple[Car, ...], side: int) -> None:
-    neighbors = surroundings(snapshot(*others), ROAD, 250.0, np.array([0]))
-    assert Level1(always(8), CONFIG, ROAD)(neighbors).side.tolist() == [side]
+    decisions = Level1(always(8), CONFIG, ROAD)(snapshot(*others), np.array([0]))
+    assert decisions.side.tolist() == [side]
 
 
 @pytest.fixture
@@ -127,13 +120,16 @@ def run(tmp_path: Path) -> Path:
 
 def test_level_1_decides_as_the_network_of_a_run_sees_it(run: Path) -> None:
     shot = snapshot(*(ahead(17.0 * k, (RIGHT, CENTER, LEFT)[k % 3], 10.0 + k) for k in range(1, 9)))
-    neighbors = look(shot)
     layers = QNetwork(np.random.default_rng(41), hidden=(16, 16)).layers
-    observations = ObservationScale(CONFIG.observation, 25.0, ROAD)(neighbors.vectors())
+    seen = [compute_affordances(seen_from(shot, row), ROAD, 250.0) for row in rows_of(shot)]
+    scale = ObservationScale(CONFIG.observation, 25.0, ROAD)
+    observations = scale(np.array([each.vector() for each in seen]))
     best = np.array([forward(layers, row)[1].argmax() for row in observations])
     assert len(set(best % 4)) > 1
     meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[best % 4]
-    np.testing.assert_array_equal(load_level_1(ROAD, run)(neighbors).acceleration_m_s2, meant)
+    np.testing.assert_array_equal(
+        load_level_1(ROAD, run)(shot, rows_of(shot)).acceleration_m_s2, meant
+    )
 
 
 @pytest.mark.parametrize("harm", ["missing", "cut short", "27 -> 16", "several"])

@@ -1,5 +1,6 @@
 """Two vehicles that enter one lane from its two sides: the second one waits."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,17 +8,19 @@ from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, snapshot
 
 from drl_av.config import SimulationConfig
 from drl_av.drivers.background.right_of_way import give_way
-from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.road.snapshot import Snapshot
 
 BRAKING_M_S2, TIMING = 4.0, SimulationConfig()  # from the next decision on, in steps of 0.5 s
 
 
 def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
-    """The (row, side) commands that remain."""
-    traffic_commands = [TrafficCommand(row, 1.5, side) for row, side in wanted]
-    left = give_way(traffic_commands, shot, ROAD, BRAKING_M_S2, TIMING)
-    assert [(w.row, w.acceleration_m_s2) for w in left] == [(row, 1.5) for row, _ in wanted]
-    return [wish.side for wish in left]
+    """The sides that remain of the (row, side) wishes."""
+    rows, left = (np.array(column) for column in zip(*wanted, strict=True))
+    road_m, times_s = (ROAD.lap_m, ROAD.lane_width_m), (TIMING.decision_interval_s, 0.5)
+    give_way(rows, left, *shot.arrays[:5], road_m, BRAKING_M_S2, times_s)
+    assert rows.tolist() == [row for row, _ in wanted]
+    kept: list[int] = left.tolist()
+    return kept
 
 
 @pytest.mark.parametrize(

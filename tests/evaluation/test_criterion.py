@@ -10,10 +10,10 @@ import drl_av
 from drl_av.cli import main
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
-from drl_av.evaluation import judgement as module
+from drl_av.evaluation import criterion as module
+from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.evaluate import Results
-from drl_av.evaluation.judgement import judge
 
 COMFORT = dict.fromkeys(set(CriticalityResult.__annotations__), 0)
 

@@ -1,5 +1,11 @@
-"""Experience buffers: the two of Algorithm 1 of the paper, or one buffer for all transitions."""
+"""Experience replay: the two buffers of Algorithm 1 of the paper, or one for all transitions.
 
+A stored transition has its own discount: 0 for a terminal transition, which has the reward r_col,
+and gamma for all others.
+"""
+
+from functools import cache
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -7,7 +13,25 @@ from numpy.typing import NDArray
 
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
-from drl_av.learning.ring import Ring
+from drl_av.driving.actions import ACTIONS
+from drl_av.errors import CheckpointError, ConfigError
+
+MEMORY = Path("/proc/meminfo")
+"""File in which Linux reports the available memory; other systems do not have it."""
+
+
+@cache
+def row_type(observation_size: int) -> np.dtype[np.void]:
+    """Return the type of a stored transition, whose fields are float32."""
+    return np.dtype(
+        [
+            ("s_t", np.float32, (observation_size,)),
+            ("s_tp1", np.float32, (observation_size,)),
+            ("a_t", np.float32),
+            ("r_tp1", np.float32),
+            ("discount", np.float32),
+        ]
+    )
 
 
 class Batch(NamedTuple):
@@ -27,15 +51,128 @@ class Batch(NamedTuple):
     slots: NDArray[np.int64] | None = None
 
 
-def batch_of(rows: Float32Array, observation_size: int) -> Batch:
-    """Split rows of a ring, shape (rows, 2 * observation_size + 3), into the arrays of a Batch."""
-    n = observation_size
+def batch_of(numbers: Float32Array, observation_size: int) -> Batch:
+    """Return the transitions in ``numbers``, which has a row for each, as a Batch."""
+    rows = numbers.view(row_type(observation_size))[:, 0]
     return Batch(
-        s_t=rows[:, :n],
-        a_t=rows[:, -3].astype(np.int64),
-        r_tp1=rows[:, -2],
-        discount=rows[:, -1],
-        s_tp1=rows[:, n:-3],
+        rows["s_t"], rows["a_t"].astype(np.int64), rows["r_tp1"], rows["discount"], rows["s_tp1"]
+    )
+
+
+def require_memory(rows: int, observation_size: int) -> None:
+    """Raise ConfigError if ``rows`` transitions do not fit in the available memory (Linux only)."""
+    needed = rows * row_type(observation_size).itemsize
+    try:
+        words = MEMORY.read_text(encoding="ascii").split()
+        available = 1024 * int(words[words.index("MemAvailable:") + 1])
+    except (OSError, ValueError):
+        return
+    if needed > available:
+        raise ConfigError(
+            f"A buffer of {rows} rows needs {needed / 2**30:.1f} GiB of memory, but "
+            f"{available / 2**30:.1f} GiB are available: lower learning.safe_capacity and "
+            "learning.collision_capacity."
+        )
+
+
+class Ring:
+    """A ring buffer that holds the newest ``capacity`` transitions.
+
+    The system allocates memory as rows are written.
+
+    Raises:
+        ConfigError: the memory of this machine cannot hold so many rows.
+    """
+
+    def __init__(self, capacity: int, observation_size: int) -> None:
+        self.observation_size, kind = observation_size, row_type(observation_size)
+        try:
+            self.rows: NDArray[np.void] = np.empty(capacity, kind)
+            """The transitions, shape (capacity,), with the fields of ``row_type``."""
+        except MemoryError as error:
+            raise ConfigError(
+                f"The memory of this machine cannot hold a buffer of {capacity} rows: lower "
+                "learning.safe_capacity and learning.collision_capacity."
+            ) from error
+        self.numbers: Float32Array = self.rows.view(np.float32).reshape(capacity, -1)
+        """The memory of ``rows``, shape (capacity, numbers of a row); numpy copies it faster."""
+        self.filled = 0
+        self.next_slot = 0
+
+    def __len__(self) -> int:
+        return self.filled
+
+    def append(
+        self,
+        s_t: Float32Array,
+        a_t: int,
+        r_tp1: float,
+        discount: float,
+        s_tp1: Float32Array | float,
+    ) -> int:
+        """Store a transition, in a full ring in place of the oldest one; return its row index.
+
+        ``discount`` multiplies the value of ``s_tp1`` in the target; it is 0 for a terminal
+        transition, whose ``s_tp1`` has no effect.
+        """
+        slot = self.next_slot
+        self.rows[slot] = s_t, s_tp1, a_t, r_tp1, discount
+        self.next_slot = (slot + 1) % len(self.rows)
+        self.filled = max(self.filled, slot + 1)
+        return slot
+
+    def draw(self, count: int, rng: np.random.Generator) -> Float32Array:
+        """Draw stored rows uniformly with replacement; return a copy, shape (count, numbers)."""
+        drawn: Float32Array = self.numbers.take(rng.integers(0, self.filled, count), axis=0)
+        return drawn
+
+    def endings(self) -> int:
+        """Return the number of stored terminal rows, which have discount 0."""
+        return self.filled - int(np.count_nonzero(self.rows["discount"][: self.filled]))
+
+    def state(self) -> State:
+        """Return a copy of the stored rows, and the index of the row that is written next."""
+        return {"rows": self.numbers[: self.filled].copy(), "next_slot": np.array(self.next_slot)}
+
+    def restore(self, state: State) -> None:
+        """Set the ring to exactly the state that ``state`` returned.
+
+        Raises:
+            CheckpointError: the rows do not fit a ring of this capacity and observation size, or
+                are no transitions.
+        """
+        rows = state.get("rows", np.empty(0))
+        next_slot = state.get("next_slot", np.empty(0))
+        capacity, width = self.numbers.shape
+        fits = (
+            rows.dtype == np.float32
+            and rows.shape[1:] == (width,)
+            and next_slot.shape == ()
+            and 0 <= next_slot < capacity
+            and (len(rows) == capacity or len(rows) == next_slot)
+        )
+        if not fits:
+            raise CheckpointError(
+                f"The stored experience does not fit a buffer of {capacity} rows of {width} "
+                "numbers: continue with the configuration the run was started with."
+            )
+        if not _are_transitions(rows, self.observation_size):
+            raise CheckpointError(
+                "The stored experience holds rows that are no transitions: a number is not finite, "
+                "an action is none of the 12, or a discount is not from 0 to 1; take an older "
+                "copy, or begin a new run."
+            )
+        self.filled, self.next_slot = len(rows), int(next_slot)
+        self.numbers[: self.filled] = rows
+
+
+def _are_transitions(numbers: Float32Array, observation_size: int) -> bool:
+    """Whether all numbers are finite, and actions and discounts within their ranges."""
+    rows = np.ascontiguousarray(numbers).view(row_type(observation_size))[:, 0]
+    return bool(
+        np.isfinite(numbers).all()
+        and np.isin(rows["a_t"], range(len(ACTIONS))).all()
+        and ((rows["discount"] >= 0) & (rows["discount"] <= 1)).all()
     )
 
 
@@ -143,8 +280,8 @@ class TwoBuffers(Buffer):
             )
             if count
         ]
-        rows = drawn[0] if len(drawn) == 1 else np.concatenate(drawn)
-        return batch_of(rows, self.safe.observation_size)
+        numbers = drawn[0] if len(drawn) == 1 else np.concatenate(drawn)
+        return batch_of(numbers, self.safe.observation_size)
 
     def state(self) -> State:
         """Return the state of both rings; the keys begin with ``safe.`` and ``collision.``."""

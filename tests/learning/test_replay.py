@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from drl_av.config import LearningConfig
 from drl_av.errors import CheckpointError, ConfigError
-from drl_av.learning.buffers import TwoBuffers, UniformBuffer, batch_of
-from drl_av.learning.builder import make_buffer
-from drl_av.learning.ring import Ring
+from drl_av.learning.replay import Ring, TwoBuffers, UniformBuffer
+from drl_av.learning.training import make_buffer
 
 
 def observation(value: float) -> np.ndarray:
@@ -77,9 +76,7 @@ def test_a_ring_holds_exactly_the_newest(capacity, count):
     ring = Ring(capacity, 1)
     for i in range(count):
         ring.append(np.float32([i]), i, i, 0.9, 0.0)
-    assert sorted(batch_of(ring.rows[: len(ring)], 1).a_t) == list(
-        range(max(0, count - capacity), count)
-    )
+    assert sorted(ring.rows["a_t"][: len(ring)]) == list(range(max(0, count - capacity), count))
 
 
 @given(
@@ -135,7 +132,7 @@ def test_a_buffer_larger_than_the_available_memory_is_refused_before_it_is_alloc
 ) -> None:
     # 57 numbers of 4 bytes a row: 11,000 rows are 2.39 MiB
     file = tmp_path / "meminfo"
-    monkeypatch.setattr("drl_av.learning.ring.MEMORY", file)
+    monkeypatch.setattr("drl_av.learning.replay.MEMORY", file)
     monkeypatch.setattr(Ring, "__init__", lambda *_: pytest.fail("allocated"))
     file.write_text("MemTotal: 9000000 kB\nMemAvailable: 2048 kB\n")
     for replay in ("two-buffer", "uniform", "prioritized"):
@@ -147,5 +144,5 @@ def test_a_buffer_larger_than_the_available_memory_is_refused_before_it_is_alloc
 def test_where_no_system_says_what_is_available_the_buffer_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("drl_av.learning.ring.MEMORY", tmp_path / "none")
+    monkeypatch.setattr("drl_av.learning.replay.MEMORY", tmp_path / "none")
     assert len(make_buffer(LearningConfig(), 27)) == 0

@@ -1,14 +1,22 @@
-"""The choice of an episode at a reset: the seed of its traffic, and the number of vehicles."""
+"""The choice of an episode at a reset: the seed, the traffic and the number of vehicles."""
 
-from collections.abc import Mapping
-from typing import Any
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.config import TrafficConfig
+from drl_av.config import Config, SimulationConfig, TrafficConfig
+from drl_av.drivers.background.level_k import load_level_1
+from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
+from drl_av.scenarios.folder import Scenario
+from drl_av.scenarios.layout import Layout
+from drl_av.simulation.simulation import Simulation
 
+DECISIONS = SimulationConfig().decisions_per_episode
+"""The default number of decisions in an episode, N_s of the paper."""
 TRAINING_SEED_RANGE = (1_000_000, 2**31)
 """Range [low, high) of the traffic seeds that a reset draws; evaluations use smaller seeds."""
 
@@ -24,6 +32,21 @@ def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Ge
     if seed is not None and (seed >= TRAINING_SEED_RANGE[0] or "vehicles" in options):
         return seed
     return int(rng.integers(*TRAINING_SEED_RANGE))
+
+
+def most_decisions(config: Config, layout: Layout) -> int:
+    """Return the largest number of decisions in an episode (ours).
+
+    It is ``decisions_per_episode``. If that is not below its default, N_s, and the ego has an exit,
+    it is at least the number of decisions that the way takes at half the ego's largest speed.
+    """
+    timing, start = config.simulation, layout.start
+    most = timing.decisions_per_episode
+    if start is None or layout.road.exit_m == math.inf or most < DECISIONS:
+        return most
+    way_m = layout.road.end_m - start.ego_front_m
+    slow_m = config.ego.max_speed_m_s / 2 * timing.decision_interval_s
+    return max(most, math.ceil(way_m / slow_m))
 
 
 def reset_options(options: Any) -> Mapping[str, Any]:
@@ -82,3 +105,38 @@ def number_of_vehicles(
     if isinstance(vehicles, bool) or not isinstance(vehicles, int | np.integer) or vehicles < 0:
         raise ConfigError(f"vehicles is {vehicles!r}, but must be a whole number from 0 on.")
     return int(vehicles)
+
+
+class TrafficSetup(NamedTuple):
+    """The traffic of one kind."""
+
+    simulation: Simulation
+    drivers: TrafficDrivers
+
+
+def traffic_setups(config: Config, scenario: Scenario, gui: bool) -> list[TrafficSetup]:
+    """Return the traffic of each kind that an episode may have; often there is only one.
+
+    Raises the errors of ``Simulation``.
+    """
+    found = []
+    for each in config.per_traffic_preset:
+        level_1 = load_level_1(scenario.road) if each.traffic.level_1_share else None
+        drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types, level_1)
+        found.append(TrafficSetup(Simulation(scenario, each, gui), drivers))
+    return found
+
+
+def drawn_traffic(setups: Sequence[TrafficSetup], seed: int, before: Simulation) -> TrafficSetup:
+    """Draw the traffic of an episode from its seed, and return it.
+
+    ``before`` is the simulation of the previous episode. If the episode has another simulation,
+    ``before`` is closed, and the new one calls the same ``after_step``.
+    """
+    if len(setups) == 1:
+        return setups[0]
+    drawn = setups[int(generator(seed, Stream.KIND_OF_TRAFFIC).integers(len(setups)))]
+    if drawn.simulation is not before:
+        before.close()
+        drawn.simulation.after_step = before.after_step
+    return drawn

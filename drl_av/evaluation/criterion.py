@@ -52,9 +52,9 @@ class CriterionResult(NamedTuple):
                 f"\n  comfortable decisions {self.comfortable_percent:.1f} % "
                 f"({self.their_comfortable_percent:.1f} %)"
             )
-        way = ""
+        route = ""
         if self.missed is not None:
-            way = (
+            route = (
                 "\n  episodes in which the ego missed its exit or did not merge "
                 f"{self.missed} (rule-based: {self.fewest_missed})"
             )
@@ -62,7 +62,7 @@ class CriterionResult(NamedTuple):
             f"{self.driver}: {result} against {self.over}\n"
             f"  gain in speed {gain}\n"
             f"  episodes in which the ego hit something {self.ego_hits} (rule-based: "
-            f"{self.fewest_ego_hits}){way}\n"
+            f"{self.fewest_ego_hits}){route}\n"
             f"  hard brakes in a kilometre {self.hard_brakes_per_km:.2f} "
             f"({self.their_hard_brakes_per_km:.2f})"
             f"{comfort}"
@@ -110,7 +110,7 @@ def _judgement(
     gain = _gain(name, ours, best, theirs)
     brakes, their_brakes = _hard_brakes_per_km(ours), _hard_brakes_per_km(theirs)
     comfort, their_comfort = _comfortable_percent(ours), _comfortable_percent(theirs)
-    missed, has_way = _missed(ours), any(row.way for row in ours)
+    missed, has_route = _missed(ours), any(row.way for row in ours)
     conditions = {
         "speed": gain.value - gain.half_width > 0,
         "collisions": _hits(ours) <= fewest.ego_hits,
@@ -130,8 +130,8 @@ def _judgement(
         their_comfortable_percent=their_comfort,
         failures=failures,
         passed=not failures,
-        missed=missed if has_way else None,
-        fewest_missed=fewest.missed if has_way else None,
+        missed=missed if has_route else None,
+        fewest_missed=fewest.missed if has_route else None,
     )
 
 

@@ -1,0 +1,62 @@
+"""Scales the 27 indicators for the input of the network (ours)."""
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.compiled import compiled
+from drl_av.config import ObservationConfig
+from drl_av.road.road import FloatArray, Road
+
+
+class ObservationScale:
+    """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).
+
+    First, half of the top speed is subtracted from the ego's speed, and the middle of the road from
+    the ego's lateral position. Then each indicator is divided by a constant of the config, and
+    clipped to [-bounds, bounds].
+    """
+
+    def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:
+        vehicle = (
+            config.gap_scale_m,
+            config.speed_scale_m_s,
+            config.lateral_scale_m,
+            config.lateral_speed_scale_m_s,
+        )
+        self.lanes = len(road.open_lanes)
+        """Number of lanes of the road."""
+        self.road, self.range_m, self.max_speed_m_s = road, config.range_m, max_speed_m_s
+        middle_m = road.lane_width_m * (self.lanes - 1) / 2
+        half_speed = max_speed_m_s / 2
+        self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])
+        self.scale = np.array(
+            [*vehicle * 6, half_speed, config.lateral_scale_m, config.lateral_speed_scale_m_s]
+        )
+        widest_m = road.lane_width_m * (self.lanes + 1)
+        limits = (config.range_m, 60.0, widest_m, 4.0)
+        half_road_m = road.lane_width_m * self.lanes / 2
+        ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
+        self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
+        """Largest absolute value of each scaled indicator, shape (27,)."""
+        self._least = -self.bounds
+
+    def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
+        """Scale indicators in SI units, shape (..., 27); return float32 of the same shape."""
+        scaled = ((vector - self.offset) / self.scale).astype(np.float32)
+        # np.minimum uses AVX-512, after which SUMO's next step takes 15 % longer
+        clipped: npt.NDArray[np.float32] = scaled.clip(self._least, self.bounds)
+        return clipped
+
+
+@compiled
+def scale_into(
+    values: FloatArray,
+    offset: FloatArray,
+    scale: FloatArray,
+    bounds: npt.NDArray[np.float32],
+    observation: npt.NDArray[np.float32],
+) -> None:
+    """Scale the 27 indicators like ``ObservationScale``, into ``observation``, shape (27,)."""
+    for row in range(len(observation)):
+        scaled = np.float32((values[row] - offset[row]) / scale[row])
+        observation[row] = min(max(scaled, -bounds[row]), bounds[row])

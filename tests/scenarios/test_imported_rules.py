@@ -1,0 +1,456 @@
+"""What SUMO obeys on a user's network: carried over to the road, refused, or named as left out."""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from itertools import pairwise
+from math import cos, pi, sin
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nets import Part, along, chain, converted
+from plain_sumo import run_sumo
+
+from drl_av.cli import main
+from drl_av.errors import ScenarioError
+from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
+from drl_av.scenarios.imported.attributes import REPORTED, TREATMENTS, Found, left_out
+from drl_av.scenarios.imported.description import ImportedDescription
+from drl_av.scenarios.netconvert import program
+
+XSD = program("netconvert").parents[1] / "data" / "xsd" / "net_file.xsd"
+
+
+def described(net: Path, first: str, last: str, **changed: Any) -> ImportedDescription:
+    return ImportedDescription(net=str(net), from_edge=first, to_edge=last, **changed)
+
+
+def bend(folder: Path) -> Path:
+    """Three lanes round a right angle, inside whose junction netconvert slows each lane down."""
+    nodes = (
+        '<node id="a" x="0" y="0"/><node id="b" x="1000" y="0" radius="6"/>'
+        '<node id="c" x="1000" y="1000"/>'
+    )
+    edges = (
+        '<edge id="A" from="a" to="b" numLanes="3" speed="33"/>'
+        '<edge id="B" from="b" to="c" numLanes="3" speed="33"/>'
+    )
+    return converted(folder, nodes, edges, None)
+
+
+def solid(folder: Path, lane: str) -> Path:
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="2500" y="0"/>'
+    lanes = "".join(f'<lane index="{index}" {lane}/>' for index in range(3))
+    edge = f'<edge id="S" from="a" to="b" numLanes="3" speed="36">{lanes}</edge>'
+    return converted(folder, nodes, edge, None)
+
+
+def test_the_list_has_every_attribute_and_child_of_sumos_format() -> None:
+    space = "{http://www.w3.org/2001/XMLSchema}"
+    root = ET.parse(XSD).getroot()
+    for element, treatments in TREATMENTS.items():
+        [kind] = [
+            each
+            for each in root.iter(f"{space}complexType")
+            if each.get("name") == f"{element}Type"
+        ]
+        attributes = {each.attrib["name"] for each in kind.iter(f"{space}attribute")}
+        children = {each.attrib["name"] for each in kind.iter(f"{space}element")} - {"lane"}
+        assert attributes | children == set(treatments)
+
+
+EVERY = [(element, key) for element, found in TREATMENTS.items() for key in found]
+
+
+@pytest.mark.parametrize(("element", "key"), EVERY)
+def test_what_is_left_out_is_named_and_all_else_is_not(element: str, key: str) -> None:
+    named = [*left_out(Found(element, "lane 'M1_0'", {key: "7"}))]
+    is_reported = TREATMENTS[element][key] is REPORTED
+    assert named == ([f"{key} 7 of lane 'M1_0'"] if is_reported else [])
+
+
+def test_an_attribute_that_is_new_to_the_list_is_named() -> None:
+    found = Found("lane", "lane 'a_0'", {"gravity": "3", "friction": "1.00", "speed": "9"})
+    assert [*left_out(found)] == ["gravity 3 of lane 'a_0'"]
+
+
+def reported(folder: Path, old: str, new: str) -> tuple[str, ...]:
+    """What is left out of a chain of two edges of which a text of the network is changed."""
+    net = chain(folder, Part(2), Part(2))
+    text = net.read_text()
+    assert old in text
+    net.write_text(text.replace(old, new, 1))
+    return along(net, 1).left_out or ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "phrase"),
+    [
+        ('id="e0_0" ', 'id="e0_0" friction="0.50" ', "friction 0.50 of lane 'e0_0'"),
+        ('id="e0_0" ', 'id="e0_0" endOffset="9" ', "endOffset 9 of lane 'e0_0'"),
+        ('id="e0_0" ', 'id="e0_0" prefer="bus" ', "prefer bus of lane 'e0_0'"),
+        ('id="e0" ', 'id="e0" bidi="e1" ', "bidi e1 of edge 'e0'"),
+        ('to="e1" ', 'to="e1" keepClear="0" ',
+         "keepClear 0 of the way from lane 'e0_0' to 'e1_0'"),
+        ('to="e1" ', 'to="e1" visibility="9" ',
+         "visibility 9 of the way from lane 'e0_0' to 'e1_0'"),
+        ('<lane id="e0_0"', '<stopOffset value="5"/><lane id="e0_0"', "stopOffset 5 of edge 'e0'"),
+    ],
+)  # fmt: skip
+def test_a_value_that_sumo_obeys_and_the_road_lacks_is_named(
+    old: str, new: str, phrase: str, tmp_path: Path
+) -> None:
+    assert reported(tmp_path, old, new) == (phrase,)
+
+
+def test_a_value_without_effect_is_not_named(tmp_path: Path) -> None:
+    assert reported(tmp_path, 'id="e0_0" ', 'id="e0_0" friction="1.0" ') == ()
+
+
+def speeds(net: Path, route: str, folder: Path, lane: int = 0) -> list[float]:
+    """The speeds of one car in plain SUMO that wants to drive 30 m/s, step by step."""
+    rou, fcd = folder / "one.rou.xml", folder / "one.fcd.xml"
+    rou.write_text(
+        '<routes><vType id="t" maxSpeed="30" speedDev="0" sigma="0" '
+        'lcSpeedGain="0" lcKeepRight="0"/>'
+        f'<vehicle id="v" type="t" depart="0" departSpeed="max" departLane="{lane}">'
+        f'<route edges="{route}"/></vehicle></routes>'
+    )
+    run_sumo("-n", net, "-r", rou, "--fcd-output", fcd, "--step-length", "0.1")
+    return [float(one.attrib["speed"]) for one in ET.parse(fcd).iter("vehicle")]
+
+
+def route_of(folder: Path, name: str = "way") -> str:
+    return " ".join(load_scenario(folder).layout.routes[name])
+
+
+@pytest.mark.parametrize("lane", [0, 1, 2])
+def test_a_right_angle_is_as_slow_as_on_the_users_own_network(lane: int, tmp_path: Path) -> None:
+    net = bend(tmp_path)
+    write_scenario(tmp_path / "road", described(net, "A", "B"))
+    own = min(speeds(net, "A B", tmp_path, lane))
+    made = min(speeds(tmp_path / "road" / "highway.net.xml", route_of(tmp_path / "road"), tmp_path,
+                      lane))  # fmt: skip
+    # netconvert's lanes round the bend: the outer one is the fastest
+    assert own == pytest.approx([7.66, 6.08, 3.90][lane], abs=0.01)
+    assert made == pytest.approx(own, abs=0.01)
+
+
+def test_the_limits_of_a_bend_are_limits_of_each_lane_of_the_road(tmp_path: Path) -> None:
+    road = described(bend(tmp_path), "A", "B").plan().road
+    slowest = [min(limit.limit_m_s for limit in lane) for lane in road.speed_limits]
+    assert slowest == [7.66, 6.08, 3.90]
+    assert {lane[0].limit_m_s for lane in road.speed_limits} == {33.0}
+
+
+def test_each_lane_keeps_its_own_limit(tmp_path: Path) -> None:
+    slow = '<lane index="0" speed="20"/>'
+    description = along(chain(tmp_path, Part(2), Part(2, lane=slow)), 1)
+    road = description.plan().road
+    assert [lane[-1].limit_m_s for lane in road.speed_limits] == [20.0, 40.0]
+    write_scenario(tmp_path / "road", description)
+    assert load_scenario(tmp_path / "road").road == road
+    net = tmp_path / "road" / "highway.net.xml"
+    for lane, fastest in ((0, 20.0), (1, 30.0)):
+        driven = speeds(net, route_of(tmp_path / "road"), tmp_path, lane)
+        assert driven[-1] == pytest.approx(fastest, abs=0.01)
+
+
+TYPES = '<types><type id="motorway"><restriction vClass="{}" speed="22"/></type></types>'
+
+
+@pytest.mark.parametrize(("of", "limit"), [("passenger", 22.0), ("truck", 40.0)])
+def test_the_limit_of_cars_is_carried_and_that_of_trucks_named(
+    of: str, limit: float, tmp_path: Path
+) -> None:
+    (tmp_path / "types.xml").write_text(TYPES.format(of))
+    net = chain(tmp_path, Part(2), Part(2), options=["--type-files", str(tmp_path / "types.xml")])
+    text = net.read_text().replace('<edge id="e1"', '<edge id="e1" type="motorway"', 1)
+    if "<restriction" not in text:
+        text = text.replace("<edge ", TYPES.format(of)[7:-8] + "<edge ", 1)
+    net.write_text(text)
+    description = along(net, 1)
+    assert description.plan().road.speed_limits[0][-1].limit_m_s == limit
+    phrase = "the limit of truck on edges of type 'motorway', 22 m/s"
+    assert (description.left_out or ()) == ((phrase,) if of == "truck" else ())
+    # plain SUMO obeys the same on the user's network
+    assert speeds(net, "e0 e1", tmp_path)[-1] == pytest.approx(min(limit, 30.0), abs=0.01)
+
+
+def curved(folder: Path, radius_m: float) -> Path:
+    """A road of 600 m, a quarter of a circle, and 600 m, all one edge."""
+
+    arc = [
+        (600 + radius_m * sin(pi * k / 40), radius_m * (1 - cos(pi * k / 40))) for k in range(21)
+    ]
+    last = 600 + radius_m
+    shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in [(0, 0), *arc, (last, last)])
+    nodes = f'<node id="a" x="0" y="0"/><node id="b" x="{last}" y="{last}"/>'
+    edge = f'<edge id="C" from="a" to="b" numLanes="2" speed="36" shape="{shape}"/>'
+    return converted(folder, nodes, edge, None)
+
+
+def test_a_curve_has_the_speed_at_which_it_can_be_driven(tmp_path: Path) -> None:
+    description = described(curved(tmp_path, 150.0), "C", "C")
+    [curve] = description.curves
+    # sqrt(5.5 m/s^2 x 150 m) = 28.7 m/s
+    assert curve.limit_m_s == pytest.approx(28.7, rel=0.05)
+    assert curve.begin_m == pytest.approx(600.0, abs=75.0)
+    assert curve.end_m == pytest.approx(600 + 150 * 3.14159 / 2, abs=75.0)
+    assert f"a curve at {curve.begin_m:.0f} m for {curve.limit_m_s:.1f} m/s" in description.summary
+    write_scenario(tmp_path / "road", description)
+    folder = tmp_path / "road"
+    assert load_scenario(folder).road == description.plan().road
+    driven = speeds(folder / "highway.net.xml", route_of(folder), tmp_path)
+    assert min(driven) == pytest.approx(curve.limit_m_s, abs=0.01)
+
+
+@pytest.mark.parametrize(("radius_m", "sideways"), [(400.0, 5.5), (150.0, 9.0)])
+def test_a_gentle_curve_or_a_bolder_setting_changes_nothing(
+    radius_m: float, sideways: float, tmp_path: Path
+) -> None:
+    net = curved(tmp_path, radius_m)
+    assert described(net, "C", "C", sideways_m_s2=sideways).curves == ()
+
+
+def changes(net: Path, lanes_of: Callable[[str], int], edges: str, folder: Path) -> int:
+    """The lane changes in plain SUMO among slow and fast vehicles."""
+    rou, fcd = folder / "flow.rou.xml", folder / "flow.fcd.xml"
+    rou.write_text(
+        '<routes><vType id="s" maxSpeed="15"/><vType id="f" maxSpeed="40" lcSpeedGain="10"/>'
+        f'<route id="r" edges="{edges}"/>'
+        '<flow id="s" type="s" begin="0" end="60" number="8" route="r" departLane="1" '
+        'departSpeed="max"/><flow id="f" type="f" begin="0" end="60" number="20" route="r" '
+        'departLane="random" departSpeed="max"/></routes>'
+    )
+    run_sumo("-n", net, "-r", rou, "--fcd-output", fcd, "--end", "150", "--no-warnings", "true")
+    seen: dict[str, int] = {}
+    found = 0
+    for one in ET.parse(fcd).iter("vehicle"):
+        name, lane = one.attrib["id"], lanes_of(one.attrib["lane"])
+        found += seen.get(name, lane) != lane
+        seen[name] = lane
+    return found
+
+
+@pytest.mark.parametrize(
+    ("lane", "some"), [('changeLeft="authority" changeRight="authority"', False), ("", True)]
+)
+def test_plain_sumo_changes_lanes_on_the_road_as_on_the_users_network(
+    lane: str, some: bool, tmp_path: Path
+) -> None:
+    net = solid(tmp_path, lane)
+    write_scenario(tmp_path / "road", described(net, "S", "S"))
+    layout = load_scenario(tmp_path / "road").layout
+    own = changes(net, lambda name: int(name.rpartition("_")[2]), "S", tmp_path)
+    made = changes(
+        tmp_path / "road" / "highway.net.xml",
+        lambda name: layout.lane_positions[name][0],
+        " ".join(layout.routes["way"]),
+        tmp_path,
+    )
+    assert (own > 0, made > 0) == (some, some)
+
+
+def test_each_direction_of_a_line_is_forbidden_by_itself(tmp_path: Path) -> None:
+    road = described(solid(tmp_path, 'changeLeft="bus"'), "S", "S").plan().road
+    assert [line[:2] for line in road.forbidden_lines] == [(0, 1), (1, 1)]
+    assert road.may_cross(1, -1, 0.0, 2500.0)
+    assert not road.may_cross(0, 1, 100.0, 101.0)
+    assert road.may_cross(0, 1, 2600.0, 2601.0)  # beyond the user's network nothing is forbidden
+    allowed = described(solid(tmp_path, 'changeLeft="bus passenger"'), "S", "S").plan().road
+    assert allowed.forbidden_lines == ()
+
+
+def test_a_closed_lane_is_no_lane(tmp_path: Path) -> None:
+    shoulder = '<lane index="0" disallow="all"/>'
+    hov = '<lane index="3" allow="hov bus"/>'
+    net = chain(tmp_path, Part(4, lane=shoulder + hov), Part(4, lane=shoulder + hov))
+    description = along(net, 1)
+    assert description.lanes == 2
+    assert description.plan().road.partial_lanes == ()
+    assert [phrase for phrase in description.left_out or () if "closed" in phrase] == [
+        f"lane 'e{edge}_{lane}', which is closed to cars" for edge in (0, 1) for lane in (0, 3)
+    ]
+    write_scenario(tmp_path / "road", description)
+    assert load_scenario(tmp_path / "road").road == description.plan().road
+
+
+def test_a_shoulder_that_opens_is_a_lane_that_begins(tmp_path: Path) -> None:
+    shoulder = Part(3, lane='<lane index="0" disallow="all"/>')
+    net = chain(tmp_path, shoulder, Part(3), ways=["e0 1 e1 1", "e0 2 e1 2"])
+    [part] = along(net, 1).plan().road.partial_lanes
+    assert (part.lane, part.begin_m > 0, part.end_m) == (0, True, float("inf"))
+
+
+def meeting(folder: Path, kind: str, ramp_lanes: int = 1) -> Path:
+    """A motorway of three lanes that a ramp joins in the right lane, at a junction of a kind."""
+    nodes = (
+        f'<node id="a" x="0" y="0"/><node id="b" x="700" y="0" type="{kind}"/>'
+        '<node id="d" x="1500" y="0"/><node id="r" x="400" y="-80"/>'
+    )
+    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="36" priority="{}"/>'
+    edges = (
+        form.format("M1", "a", "b", 3, 5)
+        + form.format("M2", "b", "d", 3, 5)
+        + form.format("on", "r", "b", ramp_lanes, 9)
+    )
+    ways = ["M1 0 M2 0", "M1 1 M2 1", "M1 2 M2 2", "on 0 M2 0"]
+    return converted(folder, nodes, edges, ways)
+
+
+def test_the_motorway_is_driven_past_a_ramp_to_which_its_lane_gives_way(tmp_path: Path) -> None:
+    net = meeting(tmp_path, "priority")
+    states = re.findall(r'<connection from="M1"[^>]*state="(.)"', net.read_text())
+    assert set(states) == {"m"}  # the ramp has the higher priority
+    description = described(net, "M1", "M2")
+    assert description.left_out == (
+        "that the route gives way to the ramp 'on' at junction 'b' at the end of edge 'M1'",
+    )
+    assert description.plan().road.partial_lanes == ()
+
+
+def test_a_route_that_gives_way_to_as_many_lanes_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"gives way at junction 'b' .* such as the motorway"):
+        described(meeting(tmp_path, "priority", ramp_lanes=3), "M1", "M2")
+
+
+def lights(net: Path, motorway: str) -> Path:
+    """The same network, whose lights show these states to the motorway in two phases."""
+    text = net.read_text()
+    links = {
+        int(found[1]) for found in re.finditer(r'<connection from="M1"[^>]*linkIndex="(\d+)"', text)
+    }
+    every = len(re.findall(r'linkIndex="\d+"', text))
+    phases = "".join(
+        '<phase duration="30" state="'
+        + "".join(state if link in links else "r" for link in range(every))
+        + '"/>'
+        for state in motorway
+    )
+    net.write_text(re.sub(r"(<tlLogic[^>]*>).*?(</tlLogic>)", rf"\1{phases}\2", text, flags=re.S))
+    return net
+
+
+def test_the_motorway_is_driven_past_a_ramp_meter(tmp_path: Path) -> None:
+    net = lights(meeting(tmp_path, "traffic_light"), "GG")
+    description = described(net, "M1", "M2")
+    assert description.left_out == (
+        "the traffic lights of junction 'b' at the end of edge 'M1', which always let the route "
+        "pass",
+    )
+    with pytest.raises(ScenarioError, match=r"has traffic lights that stop the route: choose"):
+        described(lights(net, "Gr"), "M1", "M2")
+
+
+WEAVING = (
+    *("M1 0 M2 1", "M1 1 M2 2", "M1 2 M2 3", "on 0 M2 0"),
+    *("M2 1 M3 0", "M2 2 M3 1", "M2 3 M3 2", "M2 0 off 0"),
+)
+
+
+def weaving(folder: Path) -> Path:
+    nodes = "".join(
+        f'<node id="{name}" x="{x}" y="{y}"/>'
+        for name, x, y in (
+            *(("a", 0, 0), ("b", 700, 0), ("c", 1000, 0), ("d", 2000, 0)),
+            *(("r", 400, -100), ("x", 1300, -100)),
+        )
+    )
+    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="{}" priority="{}"/>'
+    edges = "".join(
+        form.format(*edge)
+        for edge in (
+            *(("M1", "a", "b", 3, 36, 9), ("M2", "b", "c", 4, 36, 9), ("M3", "c", "d", 3, 36, 9)),
+            *(("on", "r", "b", 1, 22, 5), ("off", "c", "x", 1, 22, 5)),
+        )
+    )
+    return converted(folder, nodes, edges, WEAVING)
+
+
+def test_the_motorway_is_never_taken_for_an_exit(tmp_path: Path) -> None:
+    net = weaving(tmp_path)
+    with pytest.raises(
+        ScenarioError,
+        match=r"goes on along the motorway from edge 'M2' to edge 'M3', but the lanes in which it "
+        r"begins lead elsewhere: begin it on the motorway, not on a ramp, or end it on edge 'M2'",
+    ):
+        described(net, "on", "M3")
+    exits = described(net, "M1", "off")
+    assert exits.plan().road.exit_m == pytest.approx(1030.0, abs=10.0)
+    assert described(net, "M1", "M3").plan().road.exit_m == float("inf")
+
+
+def test_traffic_on_the_left_is_driven_in_the_mirror(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(3), Part(3), options=["--lefthand", "true"])
+    description = along(net, 1)
+    assert description.left_out == (
+        "that its traffic drives on the left: the road is its mirror image",
+    )
+    shape = description.plan().edges[-2].shape
+    assert shape[-1][1] < shape[0][1]  # the network bends to the left
+    write_scenario(tmp_path / "road", description)
+    assert load_scenario(tmp_path / "road").road == description.plan().road
+
+
+@pytest.mark.parametrize("encoding", ["iso-8859-1", "utf-16", "utf-8-sig", "windows-1252"])
+def test_a_network_is_read_in_the_encoding_that_it_declares(encoding: str, tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2), Part(2))
+    text = net.read_text().replace('<edge id="e0"', '<edge name="S\u00fcdring" id="e0"', 1)
+    declared = text.replace('encoding="UTF-8"', f'encoding="{encoding.removesuffix("-sig")}"', 1)
+    net.write_bytes(declared.encode(encoding))
+    assert along(net, 1).lanes == 2
+
+
+def test_an_unknown_encoding_is_named(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2), Part(2))
+    net.write_text(net.read_text().replace('encoding="UTF-8"', 'encoding="klingon"', 1))
+    with pytest.raises(ScenarioError, match=r"encoding that Python does not know .*klingon"):
+        along(net, 1)
+
+
+def test_what_was_made_of_a_route_is_said_and_kept_in_the_folder(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(3), Part(2), ways=["e0 1 e1 0", "e0 2 e1 1"])
+    text = net.read_text().replace('id="e0_0" ', 'id="e0_0" friction="0.50" ', 1)
+    net.write_text(text)
+    description = along(net, 1)
+    length_m = description.way.end_m
+    assert description.summary == (
+        f"The road: {length_m:.0f} m from edge 'e0' on, 2 to 3 lanes of 3.5 m, limits 40 m/s; no "
+        "exit; 0 lanes begin and 1 end along it.\nLeft out: friction 0.50 of lane 'e0_0'."
+    )
+    write_scenario(tmp_path / "road", description)
+    again = read_description(tmp_path / "road" / "scenario.toml")
+    assert again.summary == description.summary
+
+
+def test_a_long_edge_that_bends_is_divided_like_a_straight_one(tmp_path: Path) -> None:
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="6000" y="900"/>'
+    shape = "0,0 2500,100 6000,900"
+    edge = f'<edge id="L" from="a" to="b" numLanes="2" speed="36" shape="{shape}"/>'
+    description = described(converted(tmp_path, nodes, edge, None), "L", "L")
+    edges = [each for each in description.plan().edges if "beyond" not in each.id]
+    assert max(each.end_m - each.begin_m for each in edges) <= 401.0
+    assert [each.id for each in edges[:3]] == ["L", "L.1", "L.2"]
+    # each piece begins where the one before ends, also in the picture
+    for one, other in pairwise(edges):
+        assert (one.end_m, one.shape[-1]) == (other.begin_m, pytest.approx(other.shape[0]))
+    assert (2500.0, 100.0) in [point for each in edges for point in each.shape]
+    write_scenario(tmp_path / "road", description)
+    assert load_scenario(tmp_path / "road").road == description.plan().road
+
+
+def test_the_verbs_say_what_was_made_of_a_route(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    net = chain(tmp_path, Part(3), Part(2), ways=["e0 1 e1 0", "e0 2 e1 1"])
+    words = ["--kind", "imported", "--net", str(net), "--from-edge", "e0", "--to-edge", "e1"]
+    assert main(["scenario", str(tmp_path / "road"), *words]) == 0
+    summary = along(net, 1).summary
+    assert summary in capsys.readouterr().out
+    again = ["evaluate", "--driver", "idm", "--episodes", "1", "--vehicles", "1", "--scenario"]
+    assert main([*again, str(tmp_path / "road")]) == 0
+    assert summary in capsys.readouterr().err
+    assert main([*again, "circular_three_lane"]) == 0
+    assert "The road:" not in capsys.readouterr().err
