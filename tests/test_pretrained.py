@@ -9,6 +9,7 @@ import pytest
 from drl_av.config import Config, load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVEL_1
+from drl_av.drivers.masked_policy import load_actor
 from drl_av.drivers.policy_file import (
     PRETRAINED,
     SHIPPED,
@@ -17,7 +18,7 @@ from drl_av.drivers.policy_file import (
     load_policy,
     save_policy,
 )
-from drl_av.drivers.registry import load_driver, load_learned
+from drl_av.drivers.registry import default_config, find_drivers, load_driver, make_drivers
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
@@ -66,7 +67,10 @@ def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind:
     assert sum(trip.success for trip in trips) >= 5
 
 
-@pytest.mark.parametrize("folder", [*SHIPPED.values(), LEVEL_1], ids=[*SHIPPED, "level_1"])
+Q_NETWORKS = {name: folder for name, folder in SHIPPED.items() if name != "pretrained-large"}
+
+
+@pytest.mark.parametrize("folder", [*Q_NETWORKS.values(), LEVEL_1], ids=[*Q_NETWORKS, "level_1"])
 def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_written_again(
     folder: Path, tmp_path: Path
 ) -> None:
@@ -81,11 +85,23 @@ def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_wri
     }
 
 
-@pytest.mark.parametrize("name", ["pretrained", "pretrained-smooth", "pretrained-paper"])
+def test_the_driver_of_the_training_at_scale_is_that_of_its_preset() -> None:
+    folder = SHIPPED["pretrained-large"]
+    config = load_actor(folder / "policy.safetensors")[1]
+    assert config == preset("large") == load_config(folder / "config.toml")
+    rows = (folder / "updates.csv").read_text().splitlines()
+    assert rows[-1].split(",")[0] == str(10_000_000 // 16_384 * 16_384)
+
+
+@pytest.mark.parametrize(
+    "name", ["pretrained", "pretrained-smooth", "pretrained-paper", "pretrained-large"]
+)
 def test_on_the_loop_they_are_faster_than_the_paper_s_rule_in_the_same_traffic_and_hit_nothing(
     name: str,
 ) -> None:
-    driver, config = load_learned(SHIPPED[name])
+    specs = find_drivers([name])
+    config = default_config(specs)
+    [driver] = make_drivers(specs, config).values()
     env = HighwayEnv(config=config)
     seeds = range(700_000, 700_008)
     learned = [drive(env, driver, name, seed, 10) for seed in seeds]

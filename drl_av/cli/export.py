@@ -20,9 +20,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def export(options: argparse.Namespace) -> int:
     """Write the ONNX file, and describe its inputs and outputs; return the exit status 0."""
     from drl_av.config.functions import is_factory
+    from drl_av.drivers.masked_policy import is_actor, load_actor
     from drl_av.drivers.onnx import INPUTS, OUTPUTS
     from drl_av.drivers.onnx import export as write
-    from drl_av.drivers.policy_file import SHIPPED, load_run
+    from drl_av.drivers.onnx_actor import export_actor
+    from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run
     from drl_av.drivers.registry import RULE_DRIVERS
     from drl_av.driving.observation_scale import ObservationScale
     from drl_av.errors import ConfigError
@@ -36,7 +38,12 @@ def export(options: argparse.Namespace) -> int:
             f"{options.run} is not a driver that drl-av trained, and has no network to export: "
             "give a run's folder, or pretrained, the shipped driver."
         )
-    networks, config = load_run(SHIPPED.get(options.run, Path(options.run)))
+    run = SHIPPED.get(options.run, Path(options.run))
+    if is_actor(file := find_policy(run)):
+        for name, meaning in export_actor(options.out, *load_actor(file)).items():
+            print(f"{options.out}: {name}, {meaning}")
+        return 0
+    networks, config = load_run(run)
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
     write(options.out, networks, config, scale)

@@ -93,11 +93,45 @@ def train(options: argparse.Namespace) -> int:
         require_tensorboard()
     run = Run(options.out)
     config = _training_config(options, run)
+    if config.learning.algorithm == "ppo":
+        return _train_at_scale(options, config)
     with closing(HighwayEnv(config=config, **custom_parts(options)._asdict())) as env:
         training = build_training(env)
         if not options.resume:
             run.create(training)
         return _run("train", run, training, options.tensorboard, "idm")
+
+
+def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
+    """Train a driver by PPO in the twin; return the exit status.
+
+    Raises:
+        ConfigError: an option is given that only Algorithm 1 has.
+    """
+    from drl_av.cli.console import progress_bar, stop_request
+    from drl_av.learning.large_scale import train_at_scale
+
+    for option in ("resume", "episodes", "replay", "tensorboard"):
+        if getattr(options, option):
+            raise ConfigError(
+                f"--{option} belongs to the training by Algorithm 1, but this one is PPO at "
+                "scale, which takes minutes and begins anew: leave it out, or choose another "
+                "preset."
+            )
+    done, updates = 0, config.ppo.decisions // config.ppo.batch_size
+    with stop_request() as stop, progress_bar("training, updates", updates) as bar:
+        for progress in train_at_scale(options.out, config):
+            bar.advance(
+                f"reward {progress.mean_reward:.3f}, collisions {progress.collisions}",
+                progress.decisions - done,
+            )
+            done = progress.decisions
+            if stop.made:
+                print("drl-av: stopped; what was learned so far is in the folder.", file=sys.stderr)
+                return INTERRUPTED
+    print(f"{options.out}: {pluralize(done, 'decision')}; compare it with the best rule:")
+    print(shlex.join(["drl-av", "evaluate", str(options.out), "gap-mobil"]))
+    return 0
 
 
 def adapt(options: argparse.Namespace) -> int:

@@ -19,6 +19,7 @@ import tomli_w
 from drl_av.config.drivers import FiniteStateConfig, Level0Config, MobilConfig
 from drl_av.config.ego import EgoConfig, ObservationConfig
 from drl_av.config.learning import REPLAYS, LearningConfig
+from drl_av.config.ppo import PpoConfig
 from drl_av.config.reward import DESIRED_VALUES, RewardConfig
 from drl_av.config.road import SimulationConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
@@ -39,6 +40,7 @@ __all__ = [
     "Level0Config",
     "MobilConfig",
     "ObservationConfig",
+    "PpoConfig",
     "RewardConfig",
     "SafetyConfig",
     "SimulationConfig",
@@ -65,6 +67,7 @@ class Config:
     level_0: Level0Config = Level0Config()
     reward: RewardConfig = RewardConfig()
     observation: ObservationConfig = ObservationConfig()
+    ppo: PpoConfig = PpoConfig()
     learning: LearningConfig = LearningConfig()
 
     def updated(self, section: str, **settings: Any) -> "Config":

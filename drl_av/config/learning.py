@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from drl_av.config.schema import Section, setting
 from drl_av.errors import ConfigError
 
+ALGORITHMS = ("double-dqn", "ppo")
 REPLAYS = ("two-buffer", "prioritized", "uniform")
 
 
@@ -12,6 +13,12 @@ REPLAYS = ("two-buffer", "prioritized", "uniform")
 class LearningConfig(Section):
     """The training by Algorithm 1 of the paper: double deep Q-learning with two replay buffers."""
 
+    algorithm: str = setting(
+        "double-dqn",
+        "Alg. 1",
+        "double-dqn in the environment, or ppo at scale with the settings of [ppo]",
+        choices=ALGORITHMS,
+    )
     seed: int = setting(0, "ours", "seed of all random numbers of a training", low=0, high=2**32)
     episodes: int = setting(
         10_000, "Sec. IV-C", "N_e, episodes of a training", low=1, high=10_000_000

@@ -35,6 +35,10 @@ PRESETS: dict[str, Config] = {
         unsafe_penalty=0.5,
         lane_change_margin=0.02,
     ),
+    "large": Config()
+    .updated("learning", algorithm="ppo")
+    .updated("safety", check="strict")
+    .updated("traffic", vehicles_max=32),
     "literal": from_sections(LITERAL),
 }
 _FAST_ON_RAMPS = {

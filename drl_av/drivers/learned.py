@@ -1,6 +1,7 @@
 """The learned driver: it follows the greedy policy of trained Q-networks, in numpy only."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -9,12 +10,13 @@ import numpy.typing as npt
 from drl_av.config import Config, LearningConfig, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Float32Array, QNetwork, forward
+from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Affordances, observed_indicators
 from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, RunError
 from drl_av.safety.check import SafetyCheck, permits
 
 Permission = Callable[[Scene, Action], bool]
@@ -217,3 +219,28 @@ def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDrive
         mirror = mirror_of(observed_indicators(config.observation))
         members = [mirrored_values(values, mirror) for values in members]
     return LearnedDriver(mean_values(members), Margins.of(config.learning))
+
+
+def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
+    """Read a learned driver and its config from a run's folder or a policy file.
+
+    Unlike that of ``make_drivers``, this driver may propose any action, also with the setting
+    ``learning.permitted_only``.
+
+    Raises:
+        RunError: there is no policy file.
+        CheckpointError: the policy file is damaged, or its config differs from the folder's.
+    """
+    networks, config = load_run(path)
+    return learned_driver(networks, config), config
+
+
+def require_same_observation(name: str, own: Config, config: Config) -> None:
+    """Raise RunError unless a learned driver observes here what it observed in its training."""
+    same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
+    if own.observation != config.observation or not same_scale:
+        raise RunError(
+            f"{name} was trained with other [observation] settings or another "
+            "ego.max_speed_m_s than it would drive with here: evaluate it alone, without "
+            "settings that change them."
+        )

@@ -20,7 +20,16 @@ from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
-from drl_av.drivers.learned import MARGINS, LearnedDriver, Margins, learned_driver, respects_mobil
+from drl_av.drivers.learned import (
+    MARGINS,
+    LearnedDriver,
+    Margins,
+    load_learned,
+    require_same_observation,
+    respects_mobil,
+)
+from drl_av.drivers.masked_policy import actor_driver, is_actor, load_actor
+from drl_av.drivers.network import Layers
 from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rule_based import (
     TUNED,
@@ -33,7 +42,7 @@ from drl_av.drivers.rule_based import (
     SumoDriver,
 )
 from drl_av.driving.affordances import observed_indicators
-from drl_av.errors import ConfigError, DrlAvWarning, RunError, printable
+from drl_av.errors import ConfigError, DrlAvWarning, printable
 from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
@@ -92,12 +101,26 @@ class DriverSpec:
 
     @cached_property
     def learned(self) -> "tuple[LearnedDriver, Config] | None":
-        """The driver and the config of its training, read once; None if drl-av did not train it.
+        """The driver and the config of its training, read once; None if it has no Q-networks.
 
         Raises:
             RunError, CheckpointError: as ``load_learned``.
         """
-        return None if self.run is None or self.is_external else load_learned(self.run)
+        if self.run is None or self.is_external or self.actor is not None:
+            return None
+        return load_learned(self.run)
+
+    @cached_property
+    def actor(self) -> "tuple[Layers, Config] | None":
+        """The layers and the config of a training at scale, read once; None for other drivers.
+
+        Raises:
+            RunError, CheckpointError: as ``load_learned``.
+        """
+        if self.run is None or self.is_external:
+            return None
+        file = policy_file.find_policy(self.run)
+        return load_actor(file) if is_actor(file) else None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields for a worker process, which reads the driver itself."""
@@ -216,8 +239,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
         CheckpointError: the policy file of that driver is damaged.
     """
     for spec in specs:
-        if spec.learned:
-            config, check = spec.learned[1], spec.under or spec.check
+        if found := spec.learned or spec.actor:
+            config, check = found[1], spec.under or spec.check
             return config.updated("safety", check=check) if check else config
     return Config()
 
@@ -301,9 +324,11 @@ def make_drivers(
 
     for spec in specs:
         name, driven_by = spec.name, spec.config(config)
-        if spec.learned is not None:
+        if spec.actor is not None:
+            drivers[name] = actor_driver(name, spec.actor, driven_by, its_check(spec))
+        elif spec.learned is not None:
             driver, own = spec.learned
-            _require_same_observation(name, own, config)
+            require_same_observation(name, own, config)
             if own.learning.permitted_only:
                 driver = driver.limited_to(respects_mobil(its_check(spec), config.mobil))
             drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
@@ -318,17 +343,6 @@ def make_drivers(
             load = LOADERS[spec.run.suffix.lower()]
             drivers[spec.name] = load(spec.run, observed, partial(its_check, spec))
     return {spec.name: drivers[spec.name] for spec in specs}
-
-
-def _require_same_observation(name: str, own: Config, config: Config) -> None:
-    """Raise RunError unless a learned driver observes here what it observed in its training."""
-    same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
-    if own.observation != config.observation or not same_scale:
-        raise RunError(
-            f"{name} was trained with other [observation] settings or another "
-            "ego.max_speed_m_s than it would drive with here: evaluate it alone, without "
-            "settings that change them."
-        )
 
 
 def _check(config: Config) -> SafetyCheck:
@@ -383,17 +397,3 @@ def load_driver(
     specs = find_drivers([driver])
     [driver_made] = make_drivers(specs, driving_config(specs, config)).values()
     return driver_made
-
-
-def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
-    """Read a learned driver and its config from a run's folder or a policy file.
-
-    Unlike that of ``make_drivers``, this driver may propose any action, also with the setting
-    ``learning.permitted_only``.
-
-    Raises:
-        RunError: there is no policy file.
-        CheckpointError: the policy file is damaged, or its config differs from the folder's.
-    """
-    networks, config = policy_file.load_run(path)
-    return learned_driver(networks, config), config

@@ -40,7 +40,7 @@ class ObservationScale:
         )
         self.lanes = len(road.open_lanes)
         """Number of lanes of the road."""
-        self.max_speed_m_s = max_speed_m_s
+        self.road, self.range_m, self.max_speed_m_s = road, config.range_m, max_speed_m_s
         middle_m = road.lane_width_m * (self.lanes - 1) / 2
         half_speed = max_speed_m_s / 2
         self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])

@@ -17,6 +17,7 @@ from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS, ROUTE_SCALE
 from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import MOST, WIDE_NAMES, WIDE_SIZE, observe_wide
 from drl_av.errors import ConfigError
 
 FURTHER = ("right_lane", "left_lane", "lane_change", *ROUTE_INDICATORS, "allowed_speed")
@@ -99,6 +100,28 @@ class GroupObservation:
             ) from error
 
 
+class WideObservation:
+    """The observation of the driver that was trained at scale; ``WIDE_NAMES`` describes it (ours).
+
+    It is chosen by the name ``wide`` alone, instead of groups of indicators.
+    """
+
+    names = WIDE_NAMES
+    """Name of each element of the observation."""
+
+    def __init__(self, scale: ObservationScale) -> None:
+        self._see = scale.road, scale.range_m, scale.max_speed_m_s
+        self.space = gymnasium.spaces.Box(-MOST, MOST, (WIDE_SIZE,), np.float32)
+
+    def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the wide observation of a scene."""
+        return observe_wide(scene.snapshot, *self._see, scene.lanes)
+
+
+WIDE = "wide"
+"""The name of ``WideObservation``."""
+
+
 class OwnObservation:
     """The user's observation function; each of its observations must lie in its space."""
 
@@ -126,6 +149,8 @@ def observation_function(
         ConfigError: ``given`` does not name known groups of indicators, and is not a function of a
             scene with an attribute ``space`` either.
     """
+    if given == WIDE:
+        return WideObservation(scale)
     if isinstance(given, str):
         return GroupObservation([given], scale)
     if isinstance(given, Iterable):
@@ -135,8 +160,8 @@ def observation_function(
         require_function(given, "observation", "scene")
         return OwnObservation(given)
     raise ConfigError(
-        f"observation is {given!r}, but must be names of groups ({', '.join(GROUPS)}), or an "
-        "object with a gymnasium space as its attribute space that is called with a scene."
+        f"observation is {given!r}, but must be {WIDE}, names of groups ({', '.join(GROUPS)}), or "
+        "an object with a gymnasium space as its attribute space that is called with a scene."
     )
 
 
@@ -146,7 +171,7 @@ def _require_groups(groups: Sequence[str]) -> None:
         if not isinstance(group, str) or group not in GROUPS:
             raise ConfigError(
                 f"There is no group of indicators {group!r}{did_you_mean(group, GROUPS)}; "
-                f"the groups are: {', '.join(GROUPS)}."
+                f"the groups are: {WIDE} alone, {', '.join(GROUPS)}."
             )
     for group, number in Counter(groups).items():
         if number > 1:

@@ -91,7 +91,9 @@ def test_the_function_its_arguments_and_those_that_it_gets_are_named(
 
 
 def test_a_class_in_place_of_an_observation_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"observation is <class .*, but must be names of groups"):
+    with pytest.raises(
+        ConfigError, match=r"observation is <class .*, but must be wide, names of groups"
+    ):
         HighwayEnv(observation=Nothing)
 
 

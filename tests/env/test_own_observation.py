@@ -177,7 +177,7 @@ class Wrong(Speed):
         ("own_frnt", r"no group of indicators 'own_frnt' \(did you mean 'own_front'"),
         (("ego", "ego"), "'ego' is named 2 times"),
         ((), "observation names no group; the groups are: own_front"),
-        (3, "observation is 3, but must be names of groups"),
+        (3, "observation is 3, but must be wide, names of groups"),
         (np.mean, "an object with a gymnasium space"),
         (Wrong(), r"has the shape \(2,\) and the type float32"),
     ],

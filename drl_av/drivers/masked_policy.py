@@ -1,0 +1,107 @@
+"""The driver that was trained at scale: the most probable permitted action, in numpy (ours)."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config, from_toml
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.network import Layers, forward
+from drl_av.drivers.policy_file import load
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import WIDE_SIZE, observe_wide
+from drl_av.errors import CheckpointError, RunError
+from drl_av.road.road import Road
+from drl_av.safety import action_mask
+from drl_av.safety.check import SafetyCheck
+from drl_av.scenarios.folder import find_scenario, load_scenario
+
+KIND = "actor"
+"""The kind of such a policy file, in its metadata."""
+INPUTS = WIDE_SIZE + len(ACTIONS)
+"""Number of inputs of the network: the wide observation, then the mask."""
+
+
+class MaskedPolicyDriver(Driver):
+    """Observes more than the environment's observation: the wide observation, and the mask.
+
+    Args:
+        layers: The (weight, bias) of each layer of the actor, whose outputs are logits.
+        check: The safety check under which it drives; it proposes only what the check permits.
+        road: The road on which it drives.
+        config: The settings of the environment.
+    """
+
+    def __init__(self, layers: Layers, check: SafetyCheck, road: Road, config: Config) -> None:
+        self._layers, self._check, self._road = layers, check, road
+        self._range_m = config.observation.range_m
+        self._max_speed_m_s = config.ego.max_speed_m_s
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Return the permitted action with the largest logit; of all actions if none is permitted.
+
+        ``observation`` is not used.
+        """
+        permitted = action_mask(self._check, scene)
+        wide = observe_wide(
+            scene.snapshot, self._road, self._range_m, self._max_speed_m_s, scene.lanes
+        )
+        logits = forward(self._layers, np.concatenate((wide, permitted), dtype=np.float32))[1]
+        if permitted.any():
+            logits[permitted == 0] = -np.inf
+        return ACTIONS[logits.argmax()]
+
+
+def actor_driver(
+    name: str, actor: tuple[Layers, Config], config: Config, check: SafetyCheck
+) -> Driver:
+    """Return the driver of a training at scale for an environment with this config and check.
+
+    Raises:
+        RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
+    """
+    layers, own = actor
+    seen = [(each.observation.range_m, each.ego.max_speed_m_s) for each in (own, config)]
+    if seen[0] != seen[1]:
+        raise RunError(
+            f"{name} was trained with another observation.range_m or ego.max_speed_m_s than it "
+            "would drive with here: leave these settings as they are."
+        )
+    scenario = load_scenario(find_scenario(config.simulation.scenario))
+    return MaskedPolicyDriver(layers, check, scenario.road, config)
+
+
+def load_actor(path: Path) -> tuple[Layers, Config]:
+    """Read the layers and the config of a policy file of a training at scale.
+
+    Raises:
+        CheckpointError: the file is missing or damaged or holds another kind of policy, or its
+            weights do not fit its config or are not finite numbers.
+    """
+    tensors, metadata = load(path)
+    config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
+    sizes = INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)
+    shapes: dict[str, tuple[int, ...]] = {}
+    for number, (inputs, outputs) in enumerate(pairwise(sizes)):
+        shapes[f"layers.{number}.weight"] = (outputs, inputs)
+        shapes[f"layers.{number}.bias"] = (outputs,)
+    found = {name: tensor.shape for name, tensor in tensors.items()}
+    if found != shapes or not all(np.isfinite(tensor).all() for tensor in tensors.values()):
+        raise CheckpointError(
+            f"{path} does not fit a network of {' -> '.join(map(str, sizes))}: take a policy that "
+            "drl-av train --preset large has written."
+        )
+    count = range(len(sizes) - 1)
+    return [(tensors[f"layers.{n}.weight"], tensors[f"layers.{n}.bias"]) for n in count], config
+
+
+def is_actor(path: Path) -> bool:
+    """Whether a policy file is one of a training at scale.
+
+    Raises:
+        CheckpointError: the file is missing or damaged.
+    """
+    return bool(load(path)[1].get("kind") == KIND)

@@ -1,0 +1,171 @@
+"""The driver of a training at scale: its files, and how it chooses among permitted actions."""
+
+from contextlib import closing
+from itertools import islice
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import onnxruntime
+import pytest
+from worlds import LEFT, ROAD, ahead, behind, scene
+
+import drl_av
+from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.config.presets import PRESETS
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.masked_policy import INPUTS, MaskedPolicyDriver, load_actor
+from drl_av.drivers.network import forward
+from drl_av.drivers.registry import load_driver
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import WIDE_SIZE
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import rollout
+from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.learning.large_scale import train_at_scale
+from drl_av.safety.check import Rule, SafetyCheck, Verdict, permit_all
+
+SMALL = (
+    PRESETS["large"]
+    .updated("ppo", decisions=512, worlds=8, batch_size=128, minibatch_size=64)
+    .updated("ppo", hidden_1=6, hidden_2=5)
+    .updated("traffic", vehicles_max=6)
+)
+NOTHING = np.zeros(0, np.float32)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small training."""
+    folder = tmp_path_factory.mktemp("runs") / "large"
+    for _ in train_at_scale(folder, SMALL):
+        pass
+    return folder
+
+
+def choosing(check: SafetyCheck, *order: int) -> MaskedPolicyDriver:
+    """A driver whose logits fall in this order of action numbers."""
+    bias = np.full(12, -9.0, np.float32)
+    bias[[*order]] = np.arange(len(order), 0, -1)
+    layers = [(np.zeros((12, INPUTS), np.float32), bias)]
+    return MaskedPolicyDriver(layers, check, ROAD, Config())
+
+
+def only(*numbers: int) -> SafetyCheck:
+    """A check that permits these actions, and replaces each other by braking."""
+
+    def check(scene: Scene, proposed: Action) -> Verdict:
+        if proposed.number in numbers:
+            return Verdict(proposed, Rule.NONE)
+        return Verdict(ACTIONS[3 if proposed.number != 3 else 2], Rule.IN_LANE)
+
+    return check
+
+
+def test_it_takes_the_best_action_that_the_check_permits() -> None:
+    seen = scene(ahead(30), behind(20, LEFT))
+    assert choosing(permit_all, 8, 1).act(seen, NOTHING).number == 8
+    assert choosing(only(1, 2), 8, 2, 1).act(seen, NOTHING).number == 2
+    # nothing permitted: the check replaces the best one
+    assert choosing(only(), 8, 2).act(seen, NOTHING).number == 8
+
+
+def test_the_network_sees_the_wide_observation_and_then_the_mask() -> None:
+    seen = scene(ahead(30), speed_m_s=26.0)
+    weight = np.zeros((12, INPUTS), np.float32)
+    weight[5, WIDE_SIZE - 12] = 1.0  # the ego's speed: (26 - 20) / 10
+    weight[7, WIDE_SIZE + 2] = 0.5  # whether action 2 is permitted
+    layers = [(weight, np.zeros(12, np.float32))]
+    assert MaskedPolicyDriver(layers, permit_all, ROAD, Config()).act(seen, NOTHING).number == 5
+    slow = scene(ahead(30), speed_m_s=24.0)
+    assert MaskedPolicyDriver(layers, permit_all, ROAD, Config()).act(slow, NOTHING).number == 7
+    without = MaskedPolicyDriver(layers, only(5, 7), ROAD, Config())
+    assert without.act(slow, NOTHING).number == 5
+
+
+def test_a_training_writes_the_same_bytes_again(run: Path, tmp_path: Path) -> None:
+    for _ in train_at_scale(tmp_path / "again", SMALL):
+        pass
+    for name in ("config.toml", "updates.csv", "policy.safetensors"):
+        assert (tmp_path / "again" / name).read_bytes() == (run / name).read_bytes()
+    other = SMALL.updated("learning", seed=1)
+    for _ in train_at_scale(tmp_path / "other", other):
+        pass
+    weights, _ = load_actor(run / "policy.safetensors")
+    others, _ = load_actor(tmp_path / "other" / "policy.safetensors")
+    assert not np.array_equal(weights[0][0], others[0][0])
+
+
+def test_the_run_drives_in_sumo_under_its_own_check_beside_a_rule(run: Path) -> None:
+    rows = drl_av.evaluate(
+        [run, "gap-mobil"],
+        vehicles=3,
+        episodes=1,
+        seed=800_000,
+        config={"simulation": {"decisions_per_episode": 5}},
+    )
+    assert [row.driver for row in rows] == ["large", "gap-mobil"]
+    assert {row.safety_check for row in rows} == {"strict"}
+    assert rows[0].safety_triggers == 0  # it proposes only what the check permits
+
+
+def test_a_driver_of_another_range_and_a_damaged_file_are_refused(
+    run: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(RunError, match=r"another observation\.range_m"):
+        load_driver(run, {"observation": {"range_m": 200.0}})
+    cut = tmp_path / "policy.safetensors"
+    cut.write_bytes((run / "policy.safetensors").read_bytes()[:-100])
+    with pytest.raises(CheckpointError, match="cut short"):
+        load_driver(cut)
+
+
+def test_a_folder_that_is_not_empty_is_left_alone(run: Path) -> None:
+    with pytest.raises(RunError, match="exists already"):
+        next(train_at_scale(run, SMALL))
+
+
+def test_the_environment_gives_the_wide_observation_by_its_name() -> None:
+    env = gymnasium.make("drl_av/Highway-v0", observation="wide")
+    with closing(env):
+        observation, _ = env.reset(seed=1_000_001, options={"vehicles": 5})
+        assert observation.shape == (WIDE_SIZE,)
+        assert env.observation_space.contains(observation)
+        after = env.step(1)[0]
+        assert env.observation_space.contains(after)
+        assert not np.array_equal(after, observation)
+    with pytest.raises(ConfigError, match="the groups are: wide alone, own_front"):
+        gymnasium.make("drl_av/Highway-v0", observation="broad")
+
+
+def test_the_onnx_file_decides_as_the_driver(run: Path, tmp_path: Path) -> None:
+    file = tmp_path / "driver.onnx"
+    assert main(["export", str(run), str(file)]) == 0
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
+    rng = np.random.default_rng(0)
+    observation = rng.normal(size=(500, WIDE_SIZE)).astype(np.float32)
+    mask = rng.random((500, 12)) < 0.3
+    mask[0] = False
+    actions, logits = session.run(None, {"observation": observation, "action_mask": mask})
+    layers, _ = load_actor(run / "policy.safetensors")
+    for row in range(500):
+        values = forward(layers, np.concatenate((observation[row], mask[row]), dtype=np.float32))[1]
+        assert logits[row] == pytest.approx(values, abs=1e-5)
+        ranked = values if not mask[row].any() else np.where(mask[row], values, -np.inf)
+        assert actions[row] == ranked.argmax(), row
+
+
+def first_three(env: HighwayEnv, driver: Driver) -> list[Action]:
+    return [each.proposed for each in islice(rollout(env, driver, 800_001, 4), 3)]
+
+
+def test_the_driver_needs_no_observation_of_the_environment(run: Path) -> None:
+    driver = load_driver(run)
+    with closing(HighwayEnv(safety_check="strict")) as env:
+        proposed = first_three(env, driver)
+        wide = HighwayEnv(safety_check="strict", observation="wide")
+        with closing(wide):
+            again = first_three(wide, driver)
+    assert proposed == again
