@@ -347,6 +347,7 @@ def test_a_network_without_an_end_can_be_interrupted(tmp_path: Path) -> None:
     path = endless(tmp_path / "own.onnx")
     program = (
         "import os, signal, sys, threading\nfrom drl_av.cli import main\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may ignore it\n"
         "import drl_av.drivers.onnx as module\nmodule.LONGEST_RUN_S = 1000.0\n"
         "wait = module._Watched.__call__\n"
         "def watched(self, feed):\n"
