@@ -207,7 +207,8 @@ def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
         known = zip(ranks, values, strict=True)
         return tuple((rank.index(v), v) if v in rank else (len(rank), v) for rank, v in known)
 
-    inputs = Inputs({"": evaluation.config}, checksums(evaluation.specs))
+    custom = {name: str(part) for name, part in evaluation.custom._asdict().items() if part}
+    inputs = Inputs({"": evaluation.config}, checksums(evaluation.specs) | custom)
     return ResultTable(path, inputs, place, beside=path.with_suffix(BESIDE))
 
 

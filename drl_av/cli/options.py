@@ -1,7 +1,9 @@
 """Options that several verbs share, the conversion of their words, and the verb ``config``."""
 
 import argparse
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
@@ -10,9 +12,9 @@ from drl_av.config.presets import PRESETS, preset
 from drl_av.config.reference import SECTIONS, annotated_toml
 from drl_av.drivers.agent import UNPICKLED
 from drl_av.drivers.registry import driver_names
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, ScenarioError
 from drl_av.safety import CHECKS
-from drl_av.scenarios.folder import with_scenario
+from drl_av.scenarios.folder import summary_of, with_scenario
 
 if TYPE_CHECKING:
     from drl_av.env.custom import CustomParts
@@ -130,6 +132,7 @@ def _setting(text: str) -> str:
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     """Return ``config``, changed by --traffic, --config, --scenario and --safety-check in turn.
 
+    If the scenario was made from the user's own files, it says on stderr what was made of them.
     Raises ConfigError if the TOML file or a setting is wrong.
     """
     if options.traffic is not None:
@@ -137,7 +140,11 @@ def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     config = with_files(config, options.config)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
-    return with_scenario(config, options.scenario)
+    config = with_scenario(config, options.scenario)
+    with suppress(ScenarioError):  # which the verb reports when it loads the scenario
+        if summary := summary_of(config.simulation.scenario):
+            print(summary, file=sys.stderr)
+    return config
 
 
 def custom_parts(options: argparse.Namespace) -> "CustomParts":

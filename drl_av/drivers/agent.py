@@ -302,13 +302,12 @@ def _normalization(
         CheckpointError: its statistics are missing or damaged, or another wrapper has changed the
             observations of the training.
     """
-    by_library = data.get("_last_original_obs") is not None
+    known = data.get("_last_original_obs") is not None
+    by_library = known and "replay_buffer_class" not in data  # algorithms with one always know it
+    if known and not by_library and not _are_raw(path, data, "_last_obs", observes):
+        by_library = True
     last = "_last_original_obs" if by_library else "_last_obs"
-    seen = None if data.get(last) is None else np.asarray(_safe(path, data, last))
-    raw = bool(np.isfinite(observes.low).all() and np.isfinite(observes.high).all())
-    if seen is not None and seen.shape[-1:] == observes.shape and raw:
-        raw = bool(((seen >= observes.low - 1e-4) & (seen <= observes.high + 1e-4)).all())
-    if not raw:
+    if not _are_raw(path, data, last, observes):
         raise CheckpointError(
             f"{path} was trained on observations outside the bounds of this environment, as "
             "gymnasium's NormalizeObservation makes them, and does not hold the statistics: give a "
@@ -317,6 +316,16 @@ def _normalization(
     if not by_library:
         return None
     return _vec_normalize(path, observes.shape)
+
+
+def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any) -> bool:
+    """Whether the last observations of a training lie within the bounds of the environment."""
+    if not (np.isfinite(observes.low).all() and np.isfinite(observes.high).all()):
+        return False
+    seen = None if data.get(name) is None else np.asarray(_safe(path, data, name))
+    if seen is None or seen.shape[-1:] != observes.shape:
+        return True
+    return bool(((seen >= observes.low - 1e-4) & (seen <= observes.high + 1e-4)).all())
 
 
 def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:

@@ -71,7 +71,7 @@ class Evaluation:
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
         self.config, self.specs, self._seeds = config, tuple(specs), seeds
-        self._make_metrics, self._custom = make_metrics, custom
+        self._make_metrics, self.custom = make_metrics, custom
         _close()  # a driver may have been trained since
         equipment = _equipment(config, self.specs, custom)
         env = equipment.env(config, custom)
@@ -90,7 +90,7 @@ class Evaluation:
         """The episodes in their order: by number of vehicles, then seed, then driver."""
         names = [spec.name for spec in self.specs]
         return [
-            EpisodeJob(self.config, self.specs, self._make_metrics, *episode, self._custom)
+            EpisodeJob(self.config, self.specs, self._make_metrics, *episode, self.custom)
             for episode in product(self._vehicles, self._seeds, names)
         ]
 

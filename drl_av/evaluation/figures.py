@@ -1,5 +1,6 @@
 """Draws the reward functions of a config, learning curves, speeds and speed profiles."""
 
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
@@ -38,6 +39,7 @@ STYLES = {
     "planner": ("#117733", "P"),
     "pretrained-smooth": ("#ee7733", "p"),
     "random": ("#999999", "x"),
+    "pretrained-large": ("#004488", "*"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
 OTHER_COLORS = ("#e69f00", "#f0e442", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
@@ -137,7 +139,7 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
             for number in sorted(cells)
         }
     figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
-    legend_of_names(axes, curves_by_density(axes, means))
+    legend_of_names(axes, curves_by_density(axes, means, lowest=0.0))
     return figure
 
 
@@ -150,20 +152,24 @@ def style_of(driver: str) -> tuple[str, str]:
     return OTHER_COLORS[number % len(OTHER_COLORS)], OTHER_MARKS[number // 7 % len(OTHER_MARKS)]
 
 
-def _ends(mean: Mean) -> tuple[float, float]:
-    """Return how far an interval of a speed reaches down, at most to 0 m/s, and up."""
+def _ends(mean: Mean, lowest: float) -> tuple[float, float]:
+    """Return how far an interval reaches down, at most to ``lowest``, and up."""
     half = mean.half_width if np.isfinite(mean.half_width) else 0.0
-    return min(half, max(mean.value, 0.0)), half
+    return min(half, max(mean.value - lowest, 0.0)), half
 
 
 def curves_by_density(
-    axes: "Axes", means: Mapping[str, Mapping[int, Mean]], joined: bool = True
+    axes: "Axes",
+    means: Mapping[str, Mapping[int, Mean]],
+    joined: bool = True,
+    lowest: float = -math.inf,
 ) -> dict[str, Any]:
     """Draw a curve for each driver with its 95 % intervals; return the curves by driver.
 
     ``means`` holds the values by driver and by number of vehicles; an infinite interval is left
     out. A driver has one colour; its curve under another check, such as "idm, strict", is dashed.
-    With ``joined`` false there are only points.
+    With ``joined`` false there are only points. No interval reaches below ``lowest``, which is 0
+    for a speed.
     """
     curves = dict[str, Any]()
     for place, (driver, own) in enumerate(means.items()):
@@ -173,7 +179,7 @@ def curves_by_density(
         curves[driver] = axes.errorbar(
             [number + aside for number in own],
             [mean.value for mean in own.values()],
-            yerr=np.array([_ends(mean) for mean in own.values()]).T,
+            yerr=np.array([_ends(mean, lowest) for mean in own.values()]).T,
             color=color,
             marker=mark,
             markersize=4,

@@ -90,6 +90,12 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
     _require_free(folder)
     require_ego(description.vehicles)
     texts = folder_files.scenario_texts(description)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ScenarioError(
+            f"The folder {folder.parent} cannot be made ({error.strerror}): choose another one."
+        ) from error
     with replacing(folder, ScenarioError) as unfinished:
         unfinished.mkdir(parents=True)
         for name, text in texts.items():

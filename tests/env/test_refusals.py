@@ -40,7 +40,7 @@ def test_reset_refuses_more_vehicles_than_fit_and_continues_after_it(env: Highwa
     [
         ({"safety_check": "papper"}, r"'papper' \(did you mean 'paper'\?\)"),
         ({"safety_check": "permitall"}, r"\(did you mean 'permit_all'\?\)"),
-        ({"safety_check": 5}, "safety.check is 5, but must be of type str"),
+        ({"safety_check": 5}, "safety_check is 5, but must be a function of"),
         ({"render_mode": "ansi"}, r"render_mode is 'ansi', but must be None, 'human' or 'rgb_arr"),
         ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml', but must be a preset"),
         ({"scenario": 3}, r"^scenario is of the type int, but must be a folder or the name of a"),

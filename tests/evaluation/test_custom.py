@@ -156,8 +156,8 @@ def test_own_parts_are_named_on_the_command_line(
         words += ["--observation", f"{mine}:Speed", "--config", "short.toml"]
         assert main([*words, "--out", f"{check}.csv"]) == 0
         assert f"safety check: {mine}:{check}" in capsys.readouterr().out
-        assert main([*words, "--out", "two.csv", "--jobs", "2"]) == 0
-        assert Path("two.csv").read_text() == Path(f"{check}.csv").read_text()
+        assert main([*words, "--out", f"two_{check}.csv", "--jobs", "2"]) == 0
+        assert Path(f"two_{check}.csv").read_text() == Path(f"{check}.csv").read_text()
         rows = list(csv.DictReader(Path(f"{check}.csv").read_text().splitlines()))
         assert {row["safety_check"] for row in rows} == {f"{mine}:{check}"}
         assert {row["mean_reward"] for row in rows} == {"-0.125"}
@@ -213,7 +213,7 @@ def test_own_parts_are_objects_of_a_program_also_in_several_processes() -> None:
         (["--safety-check", "mine_doors:price"], "'mine_doors:price' is -0.125, but must be a fun"),
         (["--reward", "price"], "--reward is 'price', but must have the form module:name"),
         (["--reward", "mine_doors:slow"], "is called with (transition), which slow(scene, pro"),
-        (["--observation", "mine_doors:slow"], "but must be names of groups"),
+        (["--observation", "mine_doors:slow"], "names of groups (own_front"),
     ],
 )
 def test_own_parts_that_are_none_are_one_sentence(

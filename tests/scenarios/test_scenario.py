@@ -338,6 +338,7 @@ def test_failing_netconvert_is_reported_and_leaves_nothing(
 
 def test_absent_netconvert_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("drl_av.sumo_programs._folder", lambda distribution: None)
     with pytest.raises(SimulationError, match="pip install eclipse-sumo"):
         netconvert.program("netconvert")
 
