@@ -23,7 +23,7 @@ def test_a_mutated_input_is_used_or_refused_in_one_sentence(kind: str, here: Pat
     inputs = 25 if kind.startswith("driven") else INPUTS.get(kind, 350)
     refused, failures = fuzz(kind, inputs, seed=21)
     assert failures == []
-    assert kind == "command line" or inputs * 0.1 < refused
+    assert kind == "command line" or inputs * 0.05 < refused
     assert kind == "command line" or refused < inputs
 
 
