@@ -42,7 +42,7 @@ STYLES = {
     "pretrained-large": ("#004488", "*"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
-OTHER_COLORS = ("#e69f00", "#f0e442", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
+OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
 OTHER_MARKS = ("D", "P", "X", "*", "p", "h")
 BESIDE = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
