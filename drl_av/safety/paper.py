@@ -52,34 +52,12 @@ def time_to_collision(gap_m: float, closing_m_s: float) -> float:
     return gap_m / closing_m_s if closing_m_s > 0 else math.inf
 
 
-class Approach(NamedTuple):
-    """A net gap, metres, and the speed at which it shrinks, m/s: two floats, or two arrays."""
-
-    gap_m: Any
-    closing_m_s: Any
-
-
 def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig | SafetyNumbers) -> Any:
     """Whether the gap condition (eq. 3 of the paper) holds: gap_m - T_min * closing_m_s > d_TVmin.
 
     ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
     """
     return gap_m - config.minimum_ttc_s * closing_m_s > config.minimum_gap_m
-
-
-def lane_change_is_safe(
-    own_front: Approach, front: Approach, rear: Approach, config: SafetyConfig
-) -> Any:
-    """Whether a lane change is safe by rule 3 of the paper.
-
-    The gap condition (eq. 3) must hold for the vehicle ahead in the own lane, and for those ahead
-    and behind in the target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
-    """
-    return (
-        gap_condition(*own_front, config)
-        & gap_condition(*front, config)
-        & gap_condition(*rear, config)
-    )
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
