@@ -147,20 +147,6 @@ class LearningConfig(Section):
         low=0,
         high=1000,
     )
-    abort_margin: float = setting(
-        0.0,
-        "ours",
-        "Q-value by which aborting a lane change must exceed going on with it; not in Alg. 1",
-        low=0,
-        high=1000,
-    )
-    acceleration_margin: float = setting(
-        0.0,
-        "ours",
-        "Q-value by which accelerating or braking must exceed keeping the speed; not in Alg. 1",
-        low=0,
-        high=1000,
-    )
     permitted_only: bool = setting(
         False,
         "ours",
