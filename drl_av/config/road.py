@@ -11,6 +11,8 @@ from drl_av.errors import ConfigError
 ONE_STRIP_M = 3.8
 """From this ``lateral_resolution_m`` on, each lane is one strip (the lane width of Table I)."""
 
+WORLDS = ("sumo", "twin")
+
 
 @dataclass(frozen=True)
 class SimulationConfig(Section):
@@ -20,6 +22,12 @@ class SimulationConfig(Section):
     """Time between two decisions (Table I); it cannot be set."""
     scenario: str = setting(
         "circular_three_lane", "ours", "path of a scenario folder, or name of a shipped scenario"
+    )
+    world: str = setting(
+        "sumo",
+        "ours",
+        "sumo, or twin: SUMO's traffic on a loop, compiled",
+        choices=WORLDS,
     )
     step_length_s: float = setting(
         0.5, "ours", "length of a SUMO step; must divide one second", low=0.01, high=1.0
