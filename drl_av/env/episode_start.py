@@ -116,7 +116,9 @@ class TrafficSetup(NamedTuple):
     drivers: TrafficDrivers
 
 
-def traffic_setups(config: Config, scenario: Scenario, gui: bool) -> list[TrafficSetup]:
+def traffic_setups(
+    config: Config, scenario: Scenario, gui: bool, sumo_options: str | Sequence[str]
+) -> list[TrafficSetup]:
     """Return the traffic of each kind that an episode may have; often there is only one.
 
     Raises the errors of ``Simulation`` or ``TwinSimulation``.
@@ -126,7 +128,7 @@ def traffic_setups(config: Config, scenario: Scenario, gui: bool) -> list[Traffi
         level_1 = load_level_1(scenario.road) if each.traffic.level_1_share else None
         drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types, level_1)
         world = TwinSimulation if each.simulation.world == "twin" else Simulation
-        found.append(TrafficSetup(world(scenario, each, gui), drivers))
+        found.append(TrafficSetup(world(scenario, each, gui, sumo_options), drivers))
     return found
 
 

@@ -26,11 +26,13 @@ class TwinSimulation:
         ConfigError: the twin cannot do what the settings ask.
     """
 
-    def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
-        if gui:
+    def __init__(
+        self, scenario: Scenario, config: Config, gui: bool, sumo_options: str | Sequence[str]
+    ) -> None:
+        if gui or sumo_options:
             raise ConfigError(
-                "sumo-gui shows SUMO's world only: leave simulation.world at sumo, or take the "
-                "render mode rgb_array, which shows both."
+                "The twin has neither sumo-gui nor options of SUMO: leave simulation.world at "
+                "sumo, or film it with the render mode rgb_array."
             )
         self._loop = loop_of(scenario, config)
         self.fleet = Fleet(scenario, config)

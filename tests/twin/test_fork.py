@@ -139,7 +139,7 @@ def test_copies_of_copies_and_an_end_that_stays(twin: HighwayEnv) -> None:
     assert copies.scene(0).snapshot.s_m.tolist() == worlds.scene(1).snapshot.s_m.tolist()
     assert copies.action_space.shape == (2,)
     for _ in range(60):  # full speed to the right until both have hit something
-        observation, reward, terminated, truncated, _ = copies.step(np.array([9, 9]))
+        observation, _, terminated, *_ = copies.step(np.array([9, 9]))
         if terminated.all():
             break
     assert terminated.all()

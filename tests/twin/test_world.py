@@ -127,8 +127,9 @@ def test_what_the_twin_cannot_do_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match="The twin does not know open roads: drive in SUMO"):
         HighwayEnv("merge", config=TWIN)
-    with pytest.raises(ConfigError, match="sumo-gui shows SUMO's world only"):
-        HighwayEnv(config=TWIN, render_mode="human")
+    for given in ({"render_mode": "human"}, {"sumo_options": "--fcd-output fcd.xml"}):
+        with pytest.raises(ConfigError, match="The twin has neither sumo-gui nor options of SUMO"):
+            HighwayEnv(config=TWIN, **given)  # type: ignore[arg-type]
     assert HighwayEnv(config=TWIN, render_mode="rgb_array").reset(seed=1)
     large = ["train", "--preset", "large", "--world", "sumo", "--out", str(tmp_path / "run")]
     assert main(large) == 1
