@@ -108,6 +108,8 @@ class Simulation:
         if self._gui:
             self._window = GuiCamera(self._sumo, self.scenario.layout)
         self._steps = 0
+        self.requests: dict[int, tuple[int, float]] = {}
+        """By row the last lane change that was requested: the lane, and the time of its end."""
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
         self._requests = SpeedRequests(self._sumo, self._config.simulation.step_length_s)
@@ -158,6 +160,8 @@ class Simulation:
                     vehicle, ids[row]
                 ):
                     vehicle.changeLaneRelative(ids[row], side, LANE_CHANGE_S)
+                    lane = self.road.lane_of(float(self._state[1, row])) + side
+                    self.requests[row] = lane, self._time_s + LANE_CHANGE_S
             ask_for_lane_changes(vehicle, ids, traffic_commands, timing)
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
             near: Sequence[int] = range(EGO + 1, len(ids))
