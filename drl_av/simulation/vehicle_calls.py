@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.compiled import compiled, squared
-from drl_av.config import EgoConfig, SimulationConfig, TrafficConfig
+from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.road.road import CENTERED_M, FloatArray
 from drl_av.road.snapshot import EGO, EGO_ID, TrafficCommand
 from drl_av.scenarios.folder import Scenario
@@ -44,22 +44,6 @@ def is_centered(vehicle: Any, name: str) -> bool:
     new request would make SUMO continue it, even into that other vehicle.
     """
     return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
-
-
-def ask_for_lane_changes(
-    vehicle: Any,
-    ids: Sequence[str],
-    traffic_commands: Sequence[TrafficCommand],
-    timing: SimulationConfig,
-) -> None:
-    """Request the lane changes of ``traffic_commands``, valid until the next decision.
-
-    SUMO completes each lane change that it has begun. ``vehicle`` is the domain ``vehicle`` of
-    libsumo or traci; ``ids`` holds the SUMO id of the vehicle in each row of the snapshot.
-    """
-    for row, _, side in traffic_commands:
-        if side and is_centered(vehicle, ids[row]):
-            vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
 
 
 class SpeedRequests:
