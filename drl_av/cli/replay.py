@@ -182,7 +182,9 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         recording = load_recording(Path(source))
         _refuse_settings(options, source, recording.config.safety.check)
         return [replay_session(recording, custom)]
-    return [_new_session(options, source or options.driver or "pretrained", custom)]
+    given = (source, options.driver, "pretrained")
+    word = next(each for each in given if each is not None)
+    return [_new_session(options, word, custom)]
 
 
 def _new_session(options: argparse.Namespace, word: str, custom: "CustomParts") -> "ReplaySession":
