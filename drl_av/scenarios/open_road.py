@@ -63,6 +63,7 @@ class OpenDescription(RoadDescription):
     )
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
+    additional_files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_sizes(self)
