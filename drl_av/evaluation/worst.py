@@ -58,8 +58,7 @@ def worst_sessions(
         )
     sign = 1.0 if column.startswith(LOW_IS_WORSE) else -1.0
     worst = sorted(results, key=lambda row: sign * getattr(row, column))[:count]
-    names = dict.fromkeys(row.driver for row in results)
-    specs = _specs(names, {row.driver for row in worst}, word)
+    specs = _specs(dict.fromkeys(row.driver for row in worst), word)
     check = None if custom.safety_check is None else custom_check(custom.safety_check, config)
     drivers = make_drivers(list(specs.values()), config, check)
     sessions = []
@@ -71,20 +70,15 @@ def worst_sessions(
     return sessions
 
 
-def _specs(names: Iterable[str], needed: Iterable[str], word: str | None) -> dict[str, DriverSpec]:
-    """Return the drivers of a table by name; raise ConfigError if a needed one is not found."""
+def _specs(names: Iterable[str], word: str | None) -> dict[str, DriverSpec]:
+    """Return the drivers of a table by name, that of ``word`` among them."""
     given = {} if word is None else {spec.name: spec for spec in find_drivers([word])}
-    found = {}
-    for name in names:
-        try:
-            found[name] = given[name] if name in given else find_drivers([name])[0]
-        except ConfigError as error:
-            if name in needed:
-                raise ConfigError(
-                    f"The table's driver {name!r} is not found: name its file or folder with "
-                    "--driver."
-                ) from error
-    return found
+    try:
+        return {name: given[name] if name in given else find_drivers([name])[0] for name in names}
+    except ConfigError as error:
+        raise ConfigError(
+            f"{error.args[0][:-1]}: name the table's driver with --driver."
+        ) from error
 
 
 class CriticalMoment:

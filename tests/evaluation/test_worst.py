@@ -13,8 +13,8 @@ from drl_av.evaluation.recording import load_recording
 
 @pytest.fixture
 def table(here: Path) -> list[dict[str, str]]:
-    """The rows of ``rows.csv``, in which the drivers have their own checks and margins."""
-    words = ["evaluate", "pretrained", "pretrained-smooth@paper", "random", "--vehicles", "20"]
+    """The rows of ``rows.csv``, in which the drivers have checks of their own."""
+    words = ["evaluate", "pretrained", "pretrained-paper@paper", "random", "--vehicles", "20"]
     words += ["--episodes", "2", "-o", "simulation.decisions_per_episode=25", "--out", "rows.csv"]
     assert main(words) == 0
     return rows()
@@ -78,9 +78,7 @@ def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
     capsys.readouterr()
     again = ["replay", "rows.csv", "--worst", "mean_reward", "--html", "a.html"]
     assert main(again) == 1
-    assert "driver 'mine' is not found: name its file or folder with --driver" in error_message(
-        capsys
-    )
+    assert "name the table's driver with --driver" in error_message(capsys)
     assert main([*again, "--driver", "runs/mine"]) == 0
     text = Path("rows.csv").read_text()
     reward = min(rows(), key=lambda row: float(row["mean_reward"]))["mean_reward"]
