@@ -212,7 +212,8 @@ class Simulation:
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
-        as_written = self.scenario.as_written and not self._sumo_options
+        own = self._sumo_options or self.scenario.description.additional_files
+        as_written = self.scenario.as_written and not own
         if self._owns_sumo() and as_written and not self._gui:
             with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
                 clear_the_road(self._sumo)
