@@ -17,7 +17,7 @@ from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, road_numbers
-from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
 from drl_av.road.vehicle_types import VehicleTypes
 from drl_av.simulation.population import DriverModel
 
@@ -66,14 +66,11 @@ class TrafficDrivers:
         self._desired_m_s = np.ascontiguousarray(desired_m_s, np.float64)
         self._states = np.full(len(driver_models), State.CRUISE, dtype=np.int64)
 
-    def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """Return one command for each vehicle that SUMO does not drive.
-
-        The commands hold until the next decision.
-        """
+    def __call__(self, snapshot: Snapshot) -> TrafficCommands:
+        """Return the commands of all vehicles that SUMO does not drive, until the next decision."""
         rows = self._rows
         if not len(rows):
-            return []
+            return NO_COMMANDS
         arrays = snapshot.arrays
         acceleration, side = np.empty(len(rows)), np.zeros(len(rows), np.int64)
         of_vehicles = rows, self._models, self._states, self._desired_m_s
@@ -86,7 +83,7 @@ class TrafficDrivers:
             acceleration[part], side[part] = self._hard_braking(decisions, rows[part])
         if side.any():
             give_way(rows, side, *arrays[:5], *self._right_of_way)
-        return [*map(TrafficCommand, rows.tolist(), acceleration.tolist(), side.tolist())]
+        return TrafficCommands(rows, acceleration, side)
 
 
 ORDER = (
