@@ -193,10 +193,6 @@ def requested_speeds(
 ) -> int:
     """Set ``requested_m_s`` to the speed to request for each vehicle, or to ``LEFT_TO_SUMO``.
 
-    SUMO must keep control of the speed while its models brake the vehicle themselves. It does so to
-    make room for a lane change, and in an emergency, in which it brakes harder than a request may.
-    SUMO keeps control until it brakes normally again.
-
     Args:
         motion: As in ``near_limit``. The function sets BEFORE to SPEED at its end.
         limits: As in ``near_limit``, and likewise the next two.
@@ -218,23 +214,54 @@ def requested_speeds(
     for one in range(len(leaders)):
         row = int(leaders[one, 0])
         most[row] = stoppable_speed(leaders[one, 1], leaders[one, 2], limits[BRAKING, row], step_s)
-        if most[row] < motion[SPEED, row] + limits[ACCELERATION, row] * step_s:
-            now[row] = most[row]
+        accel_m_s2 = limits[ACCELERATION, row]
+        now[row] = limited_speed(most[row], motion[SPEED, row], accel_m_s2, step_s)
     for one in range(len(commanded)):
         row = commanded[one]
-        speed, hardest_m_s2 = motion[SPEED, row], -limits[BRAKING, row] - 1e-6
-        acceleration_m_s2 = (speed - motion[BEFORE, row]) / step_s
-        brakes = chosen_m_s[one] < speed - 1e-6 or acceleration_m_s2 < hardest_m_s2
-        if most[row] >= speed and brakes:
-            now[row] = LEFT_TO_SUMO
-        else:
-            now[row] = min(most[row], max(0.0, speed + wanted_m_s2[one] * step_s))
+        speed, braking_m_s2 = motion[SPEED, row], limits[BRAKING, row]
+        wanted, chosen = wanted_m_s2[one], chosen_m_s[one]
+        braked_m_s2 = (speed - motion[BEFORE, row]) / step_s
+        now[row] = wished_speed(most[row], speed, wanted, chosen, braked_m_s2, braking_m_s2, step_s)
     for row in range(EGO + 1, n):
         if now[row] != requested_m_s[row]:
             requested_m_s[row], rows[count] = now[row], row
             count += 1
     motion[BEFORE] = motion[SPEED]
     return count
+
+
+def limited_speed(most: float, speed: float, acceleration_m_s2: float, step_s: float) -> float:
+    """Return the request to a vehicle that SUMO drives, at most ``most``; m/s."""
+    return most if most < speed + acceleration_m_s2 * step_s else LEFT_TO_SUMO
+
+
+def wished_speed(
+    most: float,
+    speed: float,
+    wanted_m_s2: float,
+    without_m_s: float,
+    now_m_s2: float,
+    braking_m_s2: float,
+    step_s: float,
+) -> float:
+    """Return the request to a vehicle that wants an acceleration, at most ``most``; m/s.
+
+    SUMO must keep control of the speed while its models brake the vehicle themselves. It does so to
+    make room for a lane change, and in an emergency, in which it brakes harder than a request may.
+    SUMO keeps control until it brakes normally again. ``without_m_s`` is the speed that SUMO's
+    models chose in the last step, ``now_m_s2`` the acceleration in this step.
+    """
+    brakes = without_m_s < speed - 1e-6 or now_m_s2 < -braking_m_s2 - 1e-6
+    if most >= speed and brakes:
+        return LEFT_TO_SUMO
+    return min(most, max(0.0, speed + wanted_m_s2 * step_s))
+
+
+def most_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:
+    """Return ``stoppable_speed``, or inf if there is no vehicle ahead: its speed is nan."""
+    if np.isnan(ahead_m_s):
+        return np.inf
+    return stoppable_speed(gap_m, ahead_m_s, braking_m_s2, step_s)
 
 
 def stoppable_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:
