@@ -25,24 +25,22 @@ class PpoConfig(Section):
     )
     discount: float = setting(0.99, "ours", "discount of a reward a second later", low=0, high=1)
     gae_lambda: float = setting(0.95, "PPO", "trace decay of the advantages", low=0, high=1)
-    clip: float = setting(0.2, "PPO", "largest change of a probability ratio", low=0, high=10)
     entropy: float = setting(0.002, "ours", "weight of the entropy", low=0, high=10)
-    value_weight: float = setting(0.5, "PPO", "weight of the critic's loss", low=0, high=100)
-    max_gradient_norm: float = setting(0.5, "CleanRL", "largest gradient norm", low=0, high=1000)
-    paper_share: float = setting(
-        0.3, "ours", "chance that an episode has the check paper instead of strict", low=0, high=1
-    )
-    overtaking_share: float = setting(
-        0.3,
-        "ours",
-        "chance that an episode has traffic overtaking instead of [traffic]",
-        low=0,
-        high=1,
-    )
-    middle_speed_m_s: float = setting(20.0, "ours", "speed that earns nothing", low=0, high=60)
-    speed_scale_m_s: float = setting(10.0, "ours", "more speed that earns 1", low=0.1, high=60)
     abort_cost: float = setting(0.1, "ours", "cost of an aborted lane change", low=0, high=100)
+    reversal_cost: float = setting(
+        0.02, "ours", "cost of braking after accelerating, or the reverse", low=0, high=100
+    )
     hard_brake_cost: float = setting(
         0.1, "ours", "cost of a decision to brake hard", low=0, high=100
+    )
+    short_headway_cost: float = setting(
+        0.1, "ours", "cost of a decision that ends with a headway below 1 s", low=0, high=100
+    )
+    forced_brake_cost: float = setting(
+        0.5,
+        "ours",
+        "cost of a decision in which the vehicle behind brakes beyond 2 m/s^2 during a lane change",
+        low=0,
+        high=100,
     )
     collision_cost: float = setting(5.0, "ours", "cost of a collision", low=0, high=1000)
