@@ -26,14 +26,16 @@ if TYPE_CHECKING:
     from drl_av.env.attach import attach as attach
     from drl_av.env.video import RecordVideo as RecordVideo
     from drl_av.evaluation.evaluate import evaluate as evaluate
+    from drl_av.evaluation.trajectories import episode_frame as episode_frame
     from drl_av.learning.train import train as train
 
 __version__ = "0.1.0"
-__all__ = ["RecordVideo", "attach", "evaluate", "load_driver", "train"]
+__all__ = ["RecordVideo", "attach", "episode_frame", "evaluate", "load_driver", "train"]
 
 _NAMES = {
     "RecordVideo": "drl_av.env.video",
     "attach": "drl_av.env.attach",
+    "episode_frame": "drl_av.evaluation.trajectories",
     "evaluate": "drl_av.evaluation.evaluate",
     "load_driver": "drl_av.drivers.registry",
     "train": "drl_av.learning.train",

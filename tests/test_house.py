@@ -120,6 +120,7 @@ def test_the_package_itself_imports_rooms_for_its_public_names_only() -> None:
         "drl_av.env.attach",
         "drl_av.env.video",
         "drl_av.evaluation.evaluate",
+        "drl_av.evaluation.trajectories",
         "drl_av.learning.train",
     }
     program = "import drl_av, sys; print([name for name in sys.modules if 'drl_av.' in name])"

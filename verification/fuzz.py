@@ -129,7 +129,10 @@ def _policy(rng: random.Random, folder: Path) -> None:
 def _recording(rng: random.Random, folder: Path) -> None:
     file = folder / "recording.npz"
     states = np.zeros((3, 2, 4))
-    Recording(Config(), "idm", 7, 1, np.array([0, 1]), states).save(file)
+    actions, rules, ids = np.array([0, 1]), np.array(["", ""]), np.array(["ego", "vehicle1"])
+    times = np.arange(len(states), dtype=np.float64)
+    decided = actions, actions, rules
+    Recording(Config(), "idm", 7, 1, *decided, ids, times, states).save(file)
     file.write_bytes(mutated(file.read_bytes(), rng))
     assert np.array_equal(load_recording(file).states, states)
 

@@ -20,7 +20,14 @@ from drl_av.cli.options import (
 from drl_av.cli.status import INTERRUPTED
 from drl_av.drivers.registry import baselines, default_config, find_drivers, warn_of_checks
 from drl_av.errors import ConfigError, pluralize
-from drl_av.evaluation import DENSITIES, LOKY, PASS_CRITERION, RAY
+from drl_av.evaluation import (
+    DENSITIES,
+    LOKY,
+    NEAR_MISS_DRAC_M_S2,
+    NEAR_MISS_TTC_S,
+    PASS_CRITERION,
+    RAY,
+)
 
 if TYPE_CHECKING:
     from drl_av.env.metrics import EpisodeResult
@@ -101,6 +108,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="end with status 1 unless each driver passes beside the rule-based ones; see below",
     )
+    kept = parser.add_mutually_exclusive_group()
+    kept.add_argument(
+        "--record", type=Path, metavar="DIR", help="keep each episode that is driven as a recording"
+    )
+    kept.add_argument(
+        "--record-failures",
+        type=Path,
+        metavar="DIR",
+        help=f"keep the episodes with a collision or a time to collision of {NEAR_MISS_TTC_S:g} s "
+        f"or less, with --criticality also those with a DRAC of {NEAR_MISS_DRAC_M_S2:g} m/s^2 or "
+        "more",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
     add_env_options(parser, "the first RUN's")
     add_observation(parser)
@@ -125,13 +144,14 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.criterion import judge
     from drl_av.evaluation.criticality import CriticalityMetrics, styles
+    from drl_av.evaluation.recording import RecordingFolder
     from drl_av.evaluation.statistics import (
         gains_over_fastest,
         overall,
         summarize,
         write_summaries,
     )
-    from drl_av.files import require_suffix, require_writable
+    from drl_av.files import make_folder, require_suffix, require_writable
 
     if options.engine == RAY:
         from drl_av.evaluation.engines import require_ray
@@ -153,7 +173,12 @@ def evaluate(options: argparse.Namespace) -> int:
     seeds = range(options.seed, options.seed + options.episodes)
     metrics = CriticalityMetrics if options.criticality else EpisodeMetrics
     vehicles = tuple(number for part in options.vehicles or () for number in part)
-    evaluation = Evaluation(config, specs, vehicles, seeds, metrics, custom_parts(options))
+    recordings = None
+    if folder := options.record or options.record_failures:
+        make_folder(folder, "--record")
+        recordings = RecordingFolder(folder.absolute(), failures_only=not options.record)
+    parts = metrics, custom_parts(options), recordings
+    evaluation = Evaluation(config, specs, vehicles, seeds, *parts)
     table = _table(options.out, evaluation) if options.out else None
     driven, status = dict[tuple[int, int, str], EpisodeResult](), 0
     try:
@@ -169,13 +194,13 @@ def evaluate(options: argparse.Namespace) -> int:
     if rows and options.json and status and options.json.exists():
         print(f"drl-av: {options.json} is unchanged.", file=sys.stderr)
     elif rows and options.json:
-        parts: dict[str, Iterable[Any]] = {
+        tables: dict[str, Iterable[Any]] = {
             "by_vehicles": summaries,
             "overall": overalls,
             "criticality": found_styles,
             "judgements": judgements,
         }
-        write_summaries(options.json, parts)
+        write_summaries(options.json, tables)
     if rows:
         print_summaries(summaries)
     title = title_of((row.driver, row.safety_check) for row in rows)
@@ -231,6 +256,12 @@ def _rows(
         found_there = [row for row in results if (row.vehicles, row.seed, row.driver) in wanted]
         held = {(row.vehicles, row.seed, row.driver) for row in found_there}
         yield from found_there
+        if held and (options.record or options.record_failures):
+            print(
+                f"drl-av: {pluralize(len(held), 'episode')} of {table.path} are not driven again "
+                "and not recorded: choose another --out to record them.",
+                file=sys.stderr,
+            )
     left = [job for job in jobs if job.key not in held]
     facts = {"engine": options.engine, "processes": options.jobs}
     saved_s = begun_s = time.monotonic()

@@ -10,18 +10,21 @@ from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
 from drl_av.errors import ConfigError, pluralize
 
-UNASKED = ("reward", "lane_change")
-"""Figures that do not depend on the sources."""
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av figures`` to its parser."""
     parser.add_argument(
         "sources",
-        nargs="+",
+        nargs="*",
         type=Path,
         metavar="FILE.csv | RUN",
         help="tables of evaluate, and folders of runs",
+    )
+    parser.add_argument(
+        "--time-space",
+        type=Path,
+        metavar="RECORDING",
+        help="draw each vehicle of a recorded episode: position against time, speed as colour",
     )
     parser.add_argument(
         "--out",
@@ -29,12 +32,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=Path(),
         metavar="DIR | FILE",
         help="folder for the figures, as PNG files; or a file that ends in .pdf (a page for each "
-        "figure of the sources), .svg or .png",
+        "figure), .svg or .png",
     )
 
 
 def figures(options: argparse.Namespace) -> int:
-    """Draw ``reward`` and each figure for which the given sources have data; return 0.
+    """Draw each figure for which the given sources have data, or ``reward`` without any; return 0.
 
     Raises ConfigError if a folder is not a run, or tables have an episode of a driver twice.
     """
@@ -46,6 +49,8 @@ def figures(options: argparse.Namespace) -> int:
         reward_figure,
         speed_figure,
     )
+    from drl_av.evaluation.recording import load_recording
+    from drl_av.evaluation.trajectories import time_space_figure
     from drl_av.files import read_table
 
     runs = [path for path in options.sources if path.is_dir()]
@@ -55,7 +60,7 @@ def figures(options: argparse.Namespace) -> int:
             "table of evaluate."
         )
     tables = [path for path in options.sources if not path.is_dir()]
-    figures = {"reward": reward_figure(Config())}
+    figures = dict[str, Any]()
     if tables:
         rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
         _require_distinct(tables)
@@ -67,26 +72,29 @@ def figures(options: argparse.Namespace) -> int:
         figures["learning"] = learning_figure(runs)
         checks = {run.name: load_config(run / "config.toml").safety.check for run in runs}
         add_title(figures["learning"], title_of(checks.items()))
-    _save(figures, options.out)
+    if options.time_space:
+        recording = load_recording(options.time_space)
+        figures["time_space"] = time_space_figure(recording)
+        add_title(figures["time_space"], f"{recording.driver}, seed {recording.seed}")
+    _save(figures or {"reward": reward_figure(Config())}, options.out)
     return 0
 
 
 def _save(figures: Mapping[str, Any], out: Path) -> None:
-    """Write the figures into a folder, or those of the sources to a file, by its suffix."""
+    """Write the figures into a folder, or to a file, by its suffix."""
     from drl_av.evaluation.figure_style import FORMATS, save_figure, save_pages
 
     if out.suffix.lower() not in FORMATS or out.is_dir():
         files = {out / f"{name}.png": figure for name, figure in figures.items()}
     else:
-        asked = {name: each for name, each in figures.items() if name not in UNASKED} or figures
         if out.suffix.lower() == ".pdf":
-            save_pages(asked.values(), out)
-            print(f"{out}: {', '.join(asked)}")
+            save_pages(figures.values(), out)
+            print(f"{out}: {', '.join(figures)}")
             return
-        one = len(asked) == 1
+        one = len(figures) == 1
         files = {
             out if one else out.with_stem(f"{out.stem}_{name}"): figure
-            for name, figure in asked.items()
+            for name, figure in figures.items()
         }
     for file, figure in files.items():
         save_figure(figure, file)

@@ -90,6 +90,14 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
     parser.add_argument(
         "--reward", metavar="NAME", help="your own reward as module:function (default: the paper's)"
     )
+    parser.add_argument(
+        "--sumo-options",
+        metavar="WORDS",
+        default=(),
+        help="options of SUMO itself, in quotation marks, such as '--additional-files "
+        "detectors.add.xml'; SUMO then starts again for each episode, and an output file holds the "
+        "last one",
+    )
     config_files(parser, whose)
 
 
@@ -159,8 +167,9 @@ def custom_parts(options: argparse.Namespace) -> "CustomParts":
         check if check is not None and is_factory(check) else None,
         options.reward,
         getattr(options, "observation", None),
+        options.sumo_options,
     )
-    for option, word in zip(("--reward", "--observation"), custom[1:], strict=True):
+    for option, word in (("--reward", custom.reward), ("--observation", custom.observation)):
         if word is not None and not is_factory(str(word)):
             raise ConfigError(f"{option} is {word!r}, but must have the form module:name.")
     return custom

@@ -1,7 +1,7 @@
 """The verb ``replay``: shows a driver or a recorded episode in sumo-gui, as a video or a page."""
 
 import argparse
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from drl_av.cli.options import (
@@ -51,7 +51,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="largest number of decisions, one per second (default: the RUN's, 200)",
     )
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--gui", action="store_true", help="show it in sumo-gui (default)")
+    how.add_argument(
+        "--gui", action="store_true", help="show it in sumo-gui (default, unless it writes a file)"
+    )
     how.add_argument(
         "--video", type=Path, metavar="FILE.mp4", help="write a .mp4 or .gif video; needs no screen"
     )
@@ -62,6 +64,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--rate", type=rate, metavar="X", help=f"multiple of real time (default: {USUAL_RATE:g})"
     )
     parser.add_argument("--record", type=Path, metavar="FILE.npz", help="save the episode")
+    parser.add_argument(
+        "--fcd",
+        type=Path,
+        metavar="FILE.xml",
+        help="let SUMO write its floating car data: each vehicle at each SUMO step",
+    )
+    parser.add_argument(
+        "--parquet",
+        type=Path,
+        metavar="FILE.parquet",
+        help="write drl_av.episode_frame: each vehicle at each decision; needs the extra parquet",
+    )
     add_env_options(parser, "the RUN's")
 
 
@@ -71,8 +85,16 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.env.highway import HighwayEnv
     from drl_av.env.video import Film
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import USUAL_VEHICLES, Pacer, Page, ReplaySession, replay_session
-    from drl_av.files import require_suffix, require_writable
+    from drl_av.evaluation.replay import (
+        FCD_OPTIONS,
+        USUAL_VEHICLES,
+        Pacer,
+        Page,
+        ReplaySession,
+        replay_session,
+    )
+    from drl_av.evaluation.trajectories import write_parquet
+    from drl_av.files import replacing, require_suffix, require_writable
 
     if options.html and options.rate is not None:
         raise ConfigError(
@@ -80,9 +102,11 @@ def replay(options: argparse.Namespace) -> int:
         )
     pace = USUAL_RATE if options.rate is None else options.rate
     inputs = [options.source, options.driver, *options.config]
-    require_writable(options.record, options.video, options.html, inputs=inputs)
-    for path, suffix in ((options.html, ".html"), (options.record, ".npz")):
-        require_suffix(path, suffix)
+    written = options.record, options.video, options.html, options.fcd, options.parquet
+    require_writable(*written, inputs=inputs)
+    suffixes = {"html": ".html", "record": ".npz", "fcd": ".xml", "parquet": ".parquet"}
+    for name, suffix in suffixes.items():
+        require_suffix(getattr(options, name), suffix)
     if options.video:
         require_film(options.video, pace)
     given = (options.source, options.driver, "pretrained")
@@ -109,20 +133,29 @@ def replay(options: argparse.Namespace) -> int:
             check = env.safety_check if custom.safety_check else None
         [(name, driver)] = make_drivers(specs, config, check).items()
         session = ReplaySession(config, driver, name, seed, vehicles, custom=custom)
-    if options.video:
-        film = Film(session.name, session.road, session.seed)
-        recording, result = session.drive(None, film.add)
-        print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
-    elif options.html:
-        page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
-        recording, result = session.drive(None, page)
-        page.write(options.html)
-        print(f"{options.html}: open it in a browser")
-    else:
-        recording, result = session.drive("human", Pacer(pace))
+    with ExitStack() as stack:
+        if options.fcd:
+            unfinished = stack.enter_context(replacing(options.fcd))
+            session = session.with_options("--fcd-output", str(unfinished), *FCD_OPTIONS)
+        if options.video:
+            film = Film(session.name, session.road, session.seed)
+            recording, result = session.drive(None, film.add)
+            print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
+        elif options.html:
+            page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
+            recording, result = session.drive(None, page)
+            page.write(options.html)
+            print(f"{options.html}: open it in a browser")
+        elif any(written) and not options.gui:
+            recording, result = session.drive(None)
+        else:
+            recording, result = session.drive("human", Pacer(pace))
     if options.record:
         recording.save(options.record)
-        print(f"{options.record}: recorded")
+    if options.parquet:
+        write_parquet(recording, options.parquet)
+    for path in filter(None, (options.record, options.fcd, options.parquet)):
+        print(f"{path}: recorded")
     print(
         f"{session.name}, check {result.safety_check}, "
         f"{pluralize(result.vehicles, 'vehicle')}, seed {result.seed}: "

@@ -4,7 +4,7 @@ Each is an object, or its name as ``module:name``. A file of settings, a run and
 hold such a name, but only an argument imports it: opening a file never runs the code of others.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from inspect import signature
 from typing import Any, NamedTuple
 
@@ -21,6 +21,8 @@ class CustomParts(NamedTuple):
     safety_check: str | SafetyCheck | None = None
     reward: str | RewardFunction | None = None
     observation: str | Iterable[str] | ObservationFunction | None = None
+    sumo_options: str | Sequence[str] = ()
+    """Options of SUMO beside ours, such as ``"--fcd-output fcd.xml"``."""
 
 
 def custom_check(given: str | SafetyCheck, config: Config) -> SafetyCheck:

@@ -51,7 +51,9 @@ TOML file, `{{"traffic": {{"vehicles_max": 5}}}}` or a Config),
 contains the mask; True by `gymnasium.make`, False by default in this class),
 `reward` (a function of a `Transition` that replaces the reward; `info["rewards"]` stays),
 `observation` (names of groups of indicators, {groups};
-or an object with an attribute `space` that is called with the scene).
+or an object with an attribute `space` that is called with the scene),
+`sumo_options` (options of SUMO itself, such as "--fcd-output fcd.xml"; SUMO then starts again at
+each reset).
 A wrong argument or setting, or one that `strict` refuses, raises `ConfigError`; a scenario that is
 missing or damaged raises `ScenarioError`.
 

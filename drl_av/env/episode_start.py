@@ -114,7 +114,9 @@ class TrafficSetup(NamedTuple):
     drivers: TrafficDrivers
 
 
-def traffic_setups(config: Config, scenario: Scenario, gui: bool) -> list[TrafficSetup]:
+def traffic_setups(
+    config: Config, scenario: Scenario, gui: bool, sumo_options: str | Sequence[str]
+) -> list[TrafficSetup]:
     """Return the traffic of each kind that an episode may have; often there is only one.
 
     Raises the errors of ``Simulation``.
@@ -123,7 +125,8 @@ def traffic_setups(config: Config, scenario: Scenario, gui: bool) -> list[Traffi
     for each in config.per_traffic_preset:
         level_1 = load_level_1(scenario.road) if each.traffic.level_1_share else None
         drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types, level_1)
-        found.append(TrafficSetup(Simulation(scenario, each, gui), drivers))
+        simulation = Simulation(scenario, each, gui, sumo_options)
+        found.append(TrafficSetup(simulation, drivers))
     return found
 
 

@@ -1,6 +1,6 @@
 """``drl_av/Highway-v0``: the ego vehicle on SUMO's circular highway, as a gymnasium environment."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -60,6 +60,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         action_mask: bool = False,
         reward: str | RewardFunction | None = None,
         observation: str | Iterable[str] | ObservationFunction | None = None,
+        sumo_options: str | Sequence[str] = (),
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(
@@ -80,7 +81,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             own_check = safety_check if is_factory(safety_check) else None
         config = with_scenario(config)  # a copy may be made in another working directory
         given = None, safety_check, config, render_mode, action_mask, reward, observation
-        gymnasium.utils.EzPickle.__init__(self, *given)
+        gymnasium.utils.EzPickle.__init__(self, *given, sumo_options)
         self.config = config
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
@@ -94,7 +95,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             presets = config.per_traffic_preset
             self.safety_check, *_ = (named_check(each, types, self.road) for each in presets)
             self._check_name = config.safety.check
-        self._setups = traffic_setups(config, loaded, gui=render_mode == "human")
+        gui = render_mode == "human"
+        self._setups = traffic_setups(config, loaded, gui, sumo_options)
         self.simulation, self.traffic_drivers = self._setups[0]
         self._own_reward = None if reward is None else custom_reward_of(reward)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)

@@ -3,6 +3,11 @@
 DENSITIES = (1, 5, 10, 15, 20, 25, 30)
 """The numbers of vehicles around the ego in the published tables (docs/results)."""
 
+NEAR_MISS_TTC_S = 1.5
+"""Critical time to collision (van der Horst and Hogema 1993)."""
+NEAR_MISS_DRAC_M_S2 = 3.35
+"""Critical deceleration rate to avoid a crash (Archer 2005)."""
+
 LOKY, RAY = "loky", "ray"
 """The engines that can distribute trainings and evaluations over processes: joblib's loky on this
 machine, or Ray on a cluster."""

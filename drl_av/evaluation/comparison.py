@@ -19,6 +19,7 @@ from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.evaluation import DENSITIES, LOKY
 from drl_av.evaluation.engines import ENGINES
+from drl_av.evaluation.recording import RecordingFolder, record_episode
 
 MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
@@ -35,6 +36,8 @@ class EpisodeJob(NamedTuple):
     seed: int
     driver: str
     custom: CustomParts = NOTHING_CUSTOM
+    recordings: RecordingFolder | None = None
+    """The folder that keeps the recording; None keeps none."""
 
     @property
     def key(self) -> tuple[int, int, str]:
@@ -47,8 +50,8 @@ class Evaluation:
 
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
     scenario places. ``make_metrics`` makes the metrics of each episode, which compute its row of
-    the results. ``custom`` holds the user's own check, reward and observation. ``len`` returns the
-    number of episodes.
+    the results. ``custom`` holds the user's own check, reward and observation, and ``recordings``
+    keeps recordings of the episodes. ``len`` returns the number of episodes.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.
@@ -64,6 +67,7 @@ class Evaluation:
         seeds: range,
         make_metrics: MakeMetrics = EpisodeMetrics,
         custom: CustomParts = NOTHING_CUSTOM,
+        recordings: RecordingFolder | None = None,
     ) -> None:
         if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
@@ -71,7 +75,7 @@ class Evaluation:
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
         self.config, self.specs, self._seeds = config, tuple(specs), seeds
-        self._make_metrics, self.custom = make_metrics, custom
+        self._make_metrics, self.custom, self._recordings = make_metrics, custom, recordings
         _close()  # a driver may have been trained since
         equipment = _equipment(config, self.specs, custom)
         env = equipment.env(config, custom)
@@ -89,8 +93,9 @@ class Evaluation:
     def jobs(self) -> list[EpisodeJob]:
         """The episodes in their order: by number of vehicles, then seed, then driver."""
         names = [spec.name for spec in self.specs]
+        given, kept = (self.config, self.specs, self._make_metrics), self._recordings
         return [
-            EpisodeJob(self.config, self.specs, self._make_metrics, *episode, self.custom)
+            EpisodeJob(*given, *episode, self.custom, kept)
             for episode in product(self._vehicles, self._seeds, names)
         ]
 
@@ -121,7 +126,8 @@ def drive_episodes(
         try:
             for job in episodes:
                 equipment = _equipment(job.config, job.specs, job.custom)
-                yield equipment.drive(job.driver, job.seed, job.vehicles, job.make_metrics)
+                how = job.make_metrics, job.recordings
+                yield equipment.drive(job.driver, job.seed, job.vehicles, *how)
         finally:
             _close()
         return
@@ -149,7 +155,7 @@ def _packed(episodes: Sequence[EpisodeJob]) -> list[_Packed]:
     made: list[tuple[tuple[object, ...], bytes]] = []
     packed = []
     for job in episodes:
-        given = job.config, job.specs, job.custom, job.make_metrics
+        given = job.config, job.specs, job.custom, (job.make_metrics, job.recordings)
         if not made or made[-1][0] != given:
             try:
                 made.append((given, cloudpickle.dumps(given)))
@@ -194,13 +200,23 @@ class _Equipment:
         self._drivers = make_drivers(specs, config, env.safety_check, observed)
 
     def drive(
-        self, name: str, seed: int, vehicles: int, make_metrics: MakeMetrics
+        self,
+        name: str,
+        seed: int,
+        vehicles: int,
+        make_metrics: MakeMetrics,
+        recordings: RecordingFolder | None,
     ) -> EpisodeResult:
         """Drive one episode with the driver of this name, under its safety check."""
         if not self._drivers:
             self.make_drivers()
         env = self.env(*self._parts[name])
-        return drive(env, self._drivers[name], name, seed, vehicles, make_metrics)
+        if recordings is None:
+            return drive(env, self._drivers[name], name, seed, vehicles, make_metrics)
+        driven = env, self._drivers[name], name, seed, vehicles
+        recording, result = record_episode(*driven, make_metrics())
+        recordings.keep(recording, result)
+        return result
 
     def close(self) -> None:
         """Close all environments."""
@@ -210,8 +226,8 @@ class _Equipment:
 
 _latest: list[_Equipment] = []
 """The environments and drivers of the latest episode of this process; empty at first."""
-_latest_bytes: list[tuple[bytes, MakeMetrics]] = []
-"""The bytes of which they were made, in another process."""
+_latest_bytes: list[tuple[bytes, tuple[MakeMetrics, RecordingFolder | None]]] = []
+"""The bytes of which they were made, in another process, and the rest of what these held."""
 
 
 def _equipment(config: Config, specs: tuple[DriverSpec, ...], custom: CustomParts) -> _Equipment:
@@ -225,12 +241,12 @@ def _equipment(config: Config, specs: tuple[DriverSpec, ...], custom: CustomPart
 def _drive(job: _Packed) -> EpisodeResult:
     if not _latest_bytes or _latest_bytes[0][0] != job.given:
         _close()
-        config, specs, custom, make_metrics = cloudpickle.loads(job.given)
+        config, specs, custom, how = cloudpickle.loads(job.given)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DrlAvWarning)  # the first process has warned
             _equipment(config, specs, custom).make_drivers()
-        _latest_bytes.append((job.given, make_metrics))
-    return _latest[0].drive(job.driver, job.seed, job.vehicles, _latest_bytes[0][1])
+        _latest_bytes.append((job.given, how))
+    return _latest[0].drive(job.driver, job.seed, job.vehicles, *_latest_bytes[0][1])
 
 
 def _close() -> None:

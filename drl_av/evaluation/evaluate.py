@@ -23,11 +23,12 @@ from drl_av.env.custom import CustomParts
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
-from drl_av.errors import ConfigError, DrlAvError, printable
+from drl_av.errors import ConfigError, printable
 from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criterion import CriterionResult, judge
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.statistics import summarize
+from drl_av.evaluation.trajectories import import_pandas
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
 
@@ -44,13 +45,7 @@ class Results(list[EpisodeResult]):
         Raises:
             DrlAvError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise DrlAvError(
-                "to_pandas needs the package pandas, which is not installed: pip install pandas."
-            ) from error
-        return pandas.DataFrame([row.cells() for row in self])
+        return import_pandas("to_pandas").DataFrame([row.cells() for row in self])
 
     def _repr_html_(self) -> str:
         """Return the statistics of each driver, check and number of vehicles as an HTML table."""

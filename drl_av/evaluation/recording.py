@@ -3,27 +3,42 @@
 import hashlib
 import io
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from urllib.parse import quote
 from zipfile import ZipFile, is_zipfile
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, from_toml
+from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
 from drl_av.errors import RecordingError, printable
+from drl_av.evaluation import NEAR_MISS_DRAC_M_S2, NEAR_MISS_TTC_S
 from drl_av.files import write_atomic
-from drl_av.road.road import FloatArray
+from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import Snapshot
+from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
 
+Watcher = Callable[[Transition], None]
+"""A function that gets each decision of an episode."""
+COLUMNS = ("s_m", "y_m", "speed_m_s", "lateral_speed_m_s")
+"""The columns of ``Recording.states``, which the file holds as ``columns``."""
 MAX_UNPACKED = 1_000_000_000
 """The largest size, bytes, of all arrays of a recording together."""
+
+
+ARRAYS = ("proposed", "executed", "rules", "ids", "time_s", "states")
+"""The arrays of a recording, in the order of the fields of ``Recording``."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +51,16 @@ class Recording:
     vehicles: int
     proposed: npt.NDArray[np.int64]
     """Number of the proposed action of each decision, shape (T,)."""
+    executed: npt.NDArray[np.int64]
+    """Number of the action after the safety check, shape (T,)."""
+    rules: npt.NDArray[np.str_]
+    """The rule by which the check changed the action, or ``none``, shape (T,)."""
+    ids: npt.NDArray[np.str_]
+    """The vehicles' ids in SUMO, shape (1 + N,), the ego first."""
+    time_s: FloatArray
+    """Time of each row of ``states`` since the reset, shape (T + 1,)."""
     states: FloatArray
-    """Shape (T + 1, 1 + N, 4): s, y, speed and lateral speed of each vehicle, SI, the ego first.
+    """Shape (T + 1, 1 + N, 4): the ``COLUMNS`` of each vehicle, SI units.
 
     On an open road, N counts each vehicle that was on the road at any decision. The states of a
     vehicle are NaN while it is not on the road.
@@ -49,6 +72,11 @@ class Recording:
         """Return the SHA-256, in hex, of all positions and speeds."""
         return hashlib.sha256(np.ascontiguousarray(self.states).tobytes()).hexdigest()
 
+    @property
+    def road(self) -> Road:
+        """The road of the episode's scenario; raises ScenarioError if that cannot be read."""
+        return load_scenario(find_scenario(self.config.simulation.scenario)).road
+
     def save(self, path: Path) -> None:
         """Write the recording to a .npz file atomically; raises DrlAvError if the write fails."""
         parts: dict[str, Any] = {
@@ -56,8 +84,8 @@ class Recording:
             "driver": np.array(self.driver),
             "seed": np.array(str(self.seed)),  # of any size
             "vehicles": np.array(self.vehicles),
-            "proposed": self.proposed,
-            "states": self.states,
+            "columns": np.array(COLUMNS),
+            **{name: getattr(self, name) for name in ARRAYS},
         }
         if self.ego_model is not None:
             parts["ego_model"] = np.array(self.ego_model, dtype=np.float64)
@@ -91,14 +119,14 @@ def load_recording(path: Path) -> Recording:
     try:
         parts = _parts(path)
         expected = str(parts.pop("sha256"))
+        arrays: dict[str, Any] = {name: parts[name] for name in ARRAYS}
         recording = Recording(
-            from_toml(str(parts["config"]), name="its config"),
-            printable(str(parts["driver"])),
-            int(parts["seed"]),
-            int(parts["vehicles"]),
-            parts["proposed"],
-            parts["states"],
-            _ego_model(parts["ego_model"]) if "ego_model" in parts else None,
+            config=from_toml(str(parts["config"]), name="its config"),
+            driver=printable(str(parts["driver"])),
+            seed=int(parts["seed"]),
+            vehicles=int(parts["vehicles"]),
+            ego_model=_ego_model(parts["ego_model"]) if "ego_model" in parts else None,
+            **arrays,
         )
         _require_episode(recording)
     except Exception as error:  # the readers of zip, zlib and npy raise many classes
@@ -139,17 +167,23 @@ def _parts(path: Path) -> dict[str, npt.NDArray[Any]]:
 
 def _require_episode(recording: Recording) -> None:
     """Raise ValueError unless the arrays of a recording have the types and shapes of an episode."""
-    proposed, states = recording.proposed, recording.states
+    states = recording.states
     if recording.seed < 0 or recording.vehicles < 0:
         raise ValueError("its seed or number of vehicles is negative")
-    if proposed.ndim != 1 or proposed.dtype.kind not in "iu":
-        raise ValueError("its actions are no row of whole numbers")
-    if not ((proposed >= 0) & (proposed < len(ACTIONS))).all():
-        raise ValueError(f"an action is not a number from 0 to {len(ACTIONS) - 1}")
+    for actions in (recording.proposed, recording.executed):
+        if actions.ndim != 1 or actions.dtype.kind not in "iu":
+            raise ValueError("its actions are no row of whole numbers")
+        if not ((actions >= 0) & (actions < len(ACTIONS))).all():
+            raise ValueError(f"an action is not a number from 0 to {len(ACTIONS) - 1}")
     if states.ndim != 3 or states.shape[2] != 4 or states.dtype.kind != "f":
         raise ValueError("its states do not have the shape (decisions + 1, vehicles, 4)")
-    if len(states) != len(proposed) + 1 or not states.shape[1]:
+    decisions, vehicles = len(states) - 1, states.shape[1]
+    if {len(recording.proposed), len(recording.executed)} != {decisions} or not vehicles:
         raise ValueError("its numbers of actions and of states differ")
+    named = (recording.rules, (decisions,), "U"), (recording.ids, (vehicles,), "U")
+    for array, shape, kind in (*named, (recording.time_s, (decisions + 1,), "f")):
+        if array.shape != shape or array.dtype.kind != kind:
+            raise ValueError("its rules, ids or times do not fit its states")
 
 
 class RecordedDriver:
@@ -176,40 +210,89 @@ class Recorder:
     """Records an episode, decision by decision."""
 
     def __init__(self) -> None:
-        self._vehicles = 0
-        self._proposed: list[int] = []
+        self._decisions: list[tuple[int, int, str]] = []
         self._moments: list[Snapshot] = []
 
     def add(self, decision: Transition) -> None:
         """Record the next decision of the episode."""
-        if not self._proposed:
+        if not self._moments:
             self._moments.append(decision.scene.snapshot)
-            self._vehicles = len(decision.scene.snapshot.ids) - 1
         self._moments.append(decision.next_scene.snapshot)
-        self._proposed.append(decision.proposed.number)
+        numbers = decision.proposed.number, decision.executed.number
+        self._decisions.append((*numbers, str(decision.rule)))
 
     def recording(
         self, config: Config, driver: str, seed: int, ego_model: EgoModel | None = None
     ) -> Recording:
         """Return the recording of the episode so far, with the settings that determine it."""
+        names = dict.fromkeys(name for shot in self._moments for name in shot.ids)
+        rows = {name: row for row, name in enumerate(names)}
+        states = np.full((len(self._moments), len(rows), len(COLUMNS)), np.nan)
+        for moment, shot in enumerate(self._moments):
+            states[moment, [rows[name] for name in shot.ids]] = states_of(shot)
+        proposed, executed, rules = zip(*self._decisions, strict=True)
         return Recording(
             config,
             driver,
             seed,
-            self._vehicles,
-            np.array(self._proposed, dtype=np.int64),
-            self._states(),
+            len(self._moments[0].ids) - 1,
+            np.array(proposed, dtype=np.int64),
+            np.array(executed, dtype=np.int64),
+            np.array(rules, dtype=np.str_),
+            np.array([*names], dtype=np.str_),
+            np.array([shot.time_s for shot in self._moments]),
+            states,
             ego_model,
         )
 
-    def _states(self) -> FloatArray:
-        """Return the states in the form of ``Recording.states``, shape (moments, vehicles, 4)."""
-        names = dict.fromkeys(name for shot in self._moments for name in shot.ids)
-        rows = {name: row for row, name in enumerate(names)}
-        found = np.full((len(self._moments), len(rows), 4), np.nan)
-        for moment, shot in enumerate(self._moments):
-            found[moment, [rows[name] for name in shot.ids]] = states_of(shot)
-        return found
+
+def record_episode(
+    env: HighwayEnv,
+    driver: Driver,
+    name: str,
+    seed: int,
+    vehicles: int,
+    metrics: EpisodeMetrics,
+    watchers: Iterable[Watcher] = (),
+) -> tuple[Recording, EpisodeResult]:
+    """Drive one episode to its end; return its recording and its row.
+
+    Each watcher gets each decision. Raises DrlAvError as ``rollout``.
+    """
+    recorder = Recorder()
+    for decision in rollout(env, driver, seed, vehicles):
+        for watch in (recorder.add, metrics.add, *watchers):
+            watch(decision)
+    recording = recorder.recording(env.config, name, seed, env.ego_model)
+    return recording, metrics.result(name, env.check_name, vehicles, seed)
+
+
+class RecordingFolder(NamedTuple):
+    """A folder that keeps the recordings of an evaluation, or only those of its failures."""
+
+    folder: Path
+    failures_only: bool
+
+    def file(self, result: EpisodeResult) -> Path:
+        """Return the path of an episode's recording, ``DRIVER-VEHICLES-SEED.npz``."""
+        driver = quote(result.driver, safe="@")
+        return self.folder / f"{driver}-{result.vehicles}-{result.seed}.npz"
+
+    def keep(self, recording: Recording, result: EpisodeResult) -> None:
+        """Save a recording, if it is wanted; raises DrlAvError if the write fails."""
+        if not self.failures_only or is_failure(result):
+            recording.save(self.file(result))
+
+
+def is_failure(result: EpisodeResult) -> bool:
+    """Return whether an episode has a collision or a near miss.
+
+    A near miss has a time to collision of at most ``NEAR_MISS_TTC_S`` or, where it was measured, a
+    DRAC of at least ``NEAR_MISS_DRAC_M_S2``.
+    """
+    drac_m_s2 = getattr(result, "max_drac_m_s2", 0.0)
+    close = result.min_ttc_s <= NEAR_MISS_TTC_S or drac_m_s2 >= NEAR_MISS_DRAC_M_S2
+    return result.collided or close
 
 
 class Follower:

@@ -1,9 +1,8 @@
 """Shows an episode in sumo-gui, as a video or as a web page, and repeats recordings exactly."""
 
 import time
-from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drl_av.config import Config
@@ -14,16 +13,25 @@ from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
-from drl_av.evaluation.recording import Follower, RecordedDriver, Recorder, Recording
+from drl_av.evaluation.recording import (
+    Follower,
+    RecordedDriver,
+    Recording,
+    Watcher,
+    record_episode,
+)
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.sumo import option_words
 
 USUAL_VEHICLES = 15
-Watcher = Callable[[Transition], None]
-"""A function that gets each decision of an episode."""
+FCD_OPTIONS = (
+    *("--fcd-output.attributes", "x,y,angle,type,speed,pos,lane,acceleration,posLat,speedLat"),
+    *("--precision", "6"),
+)
+"""The options of SUMO's floating car data, beside the name of its file."""
 
 
 class Pacer:
@@ -92,6 +100,11 @@ class ReplaySession:
         """The road of the episode's scenario."""
         return load_scenario(find_scenario(self.config.simulation.scenario)).road
 
+    def with_options(self, *words: str) -> "ReplaySession":
+        """Return the session with further options of SUMO."""
+        own = *option_words(self.custom.sumo_options), *words
+        return replace(self, custom=self.custom._replace(sumo_options=own))
+
     def drive(self, render_mode: str | None, *watchers: Watcher) -> tuple[Recording, EpisodeResult]:
         """Drive the episode, and call each watcher with each decision.
 
@@ -101,22 +114,19 @@ class ReplaySession:
         Raises:
             RecordingError: the episode differs from the recording that it must repeat.
         """
-        recorder, metrics = Recorder(), EpisodeMetrics()
         follower = None if self.recording is None else Follower(self.recording)
-        following = [] if follower is None else [follower.add]
+        watching = watchers if follower is None else (follower.add, *watchers)
         made = HighwayEnv(config=self.config, render_mode=render_mode, **self.custom._asdict())
         with closing(made) as env:
             implied = env.simulation.fleet.default_vehicle_count
             usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if self.vehicles is None else self.vehicles
-            for decision in rollout(env, self.driver, self.seed, vehicles):
-                for watch in (*following, recorder.add, metrics.add, *watchers):
-                    watch(decision)
+            driven = record_episode(
+                env, self.driver, self.name, self.seed, vehicles, EpisodeMetrics(), watching
+            )
             if follower is not None:
                 follower.end()
-            result = metrics.result(self.name, env.check_name, vehicles, self.seed)
-            recording = recorder.recording(env.config, self.name, self.seed, env.ego_model)
-            return recording, result
+            return driven
 
 
 def replay_session(recording: Recording, custom: CustomParts = NOTHING_CUSTOM) -> ReplaySession:

@@ -25,7 +25,7 @@ from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color, GuiCamera
 from drl_av.simulation.instances import acquire
 from drl_av.simulation.population import DriverModel, Population
-from drl_av.simulation.sumo import connection, require_display, start
+from drl_av.simulation.sumo import connection, option_words, require_display, start
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
     SpeedRequests,
@@ -49,11 +49,19 @@ class Simulation:
 
     It reserves an instance of libsumo at the first reset, and frees it when it is closed or
     garbage-collected. If ``gui`` is True and there is no screen, it raises DisplayError.
+    ``sumo_options`` are SUMO options of the user, beside ours.
     """
 
     _sumo: ModuleType
 
-    def __init__(self, scenario: Scenario, config: Config, gui: bool = False) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        config: Config,
+        gui: bool = False,
+        sumo_options: str | Sequence[str] = (),
+    ) -> None:
+        self._sumo_options = option_words(sumo_options)
         self.fleet = Fleet(scenario, config)
         if gui:
             require_display()
@@ -78,7 +86,7 @@ class Simulation:
         The episode depends on (scenario, config, seed, vehicles) and the commands alone, and not on
         earlier simulations. If the files of the scenario are as they were written, nothing depends
         on SUMO's clock and random numbers, so SUMO continues to run. Otherwise, and always in
-        sumo-gui, SUMO starts again at each reset.
+        sumo-gui or with options of the user, SUMO starts again at each reset.
 
         Raises:
             ScenarioError: the vehicles do not fit on the road.
@@ -93,8 +101,9 @@ class Simulation:
                 raise
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder} "
-                f"({' '.join(str(error).split()).rstrip('.')}): write it again, or undo what was "
-                "changed in it."
+                f"({' '.join(str(error).split()).rstrip('.')}): "
+                f"{'correct sumo_options, ' if self._sumo_options else ''}write it again, or undo "
+                "what was changed in it."
             ) from error
         if self._gui:
             self._window = GuiCamera(self._sumo, self.scenario.layout)
@@ -199,7 +208,8 @@ class Simulation:
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
-        if self._owns_sumo() and self.scenario.as_written and not self._gui:
+        as_written = self.scenario.as_written and not self._sumo_options
+        if self._owns_sumo() and as_written and not self._gui:
             with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
                 clear_the_road(self._sumo)
                 self._populate(self.fleet.population)
@@ -215,7 +225,7 @@ class Simulation:
         timing, limit_m_s = self._config.simulation, self.scenario.description.speed_limit_m_s
         strip_m = timing.strip_width_m(self.road.lane_width_m)
         config = self._config.updated("simulation", lateral_resolution_m=strip_m)
-        start(self._sumo, files, seed, config, view)
+        start(self._sumo, files, seed, config, view, self._sumo_options)
         longest_s = timing.decisions_per_episode * timing.decision_interval_s
         for name in self.scenario.layout.routes:
             self._sumo.route.add(name, self.scenario.layout.route(name, longest_s * limit_m_s))

@@ -3,6 +3,7 @@
 import ctypes
 import io
 import platform
+import shlex
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout
@@ -11,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.errors import DisplayError
+from drl_av.errors import ConfigError, DisplayError
 from drl_av.sumo_programs import program, require_plain_numbers, sumo_module
 
 GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,800")
@@ -79,14 +80,49 @@ def short_names(files: Sequence[Path]) -> Iterator[list[str]]:
         yield [f"/dev/fd/{file.fileno()}" for file in opened]
 
 
-def start_arguments(files: Sequence[str], seed: int, config: Config) -> list[str]:
+def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
+    """Return SUMO options of the user as words, ``--NAME=VALUE`` as two.
+
+    Raises:
+        ConfigError: the text has an open quotation mark, or an option is set by drl-av.
+    """
+    try:
+        words = [*given] if not isinstance(given, str) else shlex.split(given)
+    except ValueError as error:
+        raise ConfigError(f"sumo_options is {given!r}: close its quotation mark.") from error
+    parted = [part for word in words for part in _parted(word)]
+    for name in (word.lstrip("-") for word in parted if word.startswith("-")):
+        if name in ("r", "route-files"):
+            raise ConfigError(
+                f"sumo_options has -{'-' * (len(name) > 1)}{name}, but drl-av places the vehicles: "
+                "put types into an additional file, or drive with drl_av.attach in a simulation of "
+                "your own."
+            )
+        if name in SET_BY_US:
+            raise ConfigError(f"sumo_options has {name}, which drl-av sets itself: leave it out.")
+    return tuple(parted)
+
+
+def _parted(word: str) -> list[str]:
+    return word.split("=", 1) if word.startswith("--") else [word]
+
+
+def start_arguments(
+    files: Sequence[str], seed: int, config: Config, own: Sequence[str] = ()
+) -> list[str]:
     """Return the command line arguments of SUMO for a scenario.
 
-    ``files`` holds the network file and then the additional files; ``seed`` seeds SUMO.
+    ``files`` holds the network file and then the additional files; ``seed`` seeds SUMO. ``own``
+    are the words of ``option_words``; their additional files are read after ours.
     """
+    others = [*own]
+    additional = [*files[1:]]
+    for place in reversed([row for row, word in enumerate(own) if word in ADDITIONAL_FILES]):
+        additional += others[place + 1 : place + 2]
+        del others[place : place + 2]
     return [
         *("--net-file", files[0]),
-        *("--additional-files", ",".join(files[1:])),
+        *("--additional-files", ",".join(additional)),
         *("--seed", str(seed % 2**31)),
         *("--step-length", repr(config.simulation.step_length_s)),
         *("--lateral-resolution", repr(config.simulation.lateral_resolution_m)),
@@ -99,7 +135,17 @@ def start_arguments(files: Sequence[str], seed: int, config: Config) -> list[str
         *("--no-step-log", "true"),
         *("--no-warnings", "true"),
         *("--xml-validation", "never"),
+        *others,
     ]
+
+
+ADDITIONAL_FILES = ("-a", "--additional-files", "--additional")
+SET_BY_US = {"n", "net", "c", "configuration", "configuration-file"} | {
+    word.removeprefix("--")
+    for word in start_arguments(["", ""], 0, Config())
+    if word.startswith("--") and word not in ADDITIONAL_FILES
+}
+"""The options that the user may not set."""
 
 
 def start(
@@ -108,19 +154,21 @@ def start(
     seed: int,
     config: Config,
     view: Path | None = None,
+    own: Sequence[str] = (),
 ) -> None:
     """Start libsumo if ``view`` is None; otherwise start sumo-gui through traci.
 
     ``sumo`` is the module libsumo or traci, in which SUMO must not be running yet. ``view`` is the
-    path of the view settings. The first of ``files`` is the network file.
+    path of the view settings. The first of ``files`` is the network file. ``own`` are the user's
+    words of ``option_words``.
     """
     require_plain_numbers()
     if view is None:
         with short_names(files) as names:
-            sumo.start(["sumo", *start_arguments(names, seed, config)])
+            sumo.start(["sumo", *start_arguments(names, seed, config, own)])
         return
     sumo_gui = str(program("sumo-gui"))
-    arguments = start_arguments([*map(str, files)], seed, config)
-    own = ["--gui-settings-file", str(view), *GUI_OPTIONS]
+    arguments = start_arguments([*map(str, files)], seed, config, own)
+    shown = ["--gui-settings-file", str(view), *GUI_OPTIONS]
     with redirect_stdout(io.StringIO()):
-        sumo.start([sumo_gui, *arguments, *own], stdout=subprocess.DEVNULL)
+        sumo.start([sumo_gui, *arguments, *shown], stdout=subprocess.DEVNULL)

@@ -20,7 +20,7 @@ WRITING = {
     "adapt": ("run", ("--out", "run", "--episodes", "1", *SHORT)),
     "evaluate": ("rows.csv", (*DRIVE, "--episodes", "1", "--out", "rows.csv")),
     "export": ("driver.onnx", ("pretrained", "driver.onnx")),
-    "figures": ("reward.png", ("rows.csv",)),
+    "figures": ("reward.png", ()),
     "scenario --from": ("road", ("road", "--from", "road.toml")),
     "scenario --kind": ("road", ("road", "--kind", "merge")),
     "replay --html": ("page.html", (*DRIVE, "--html", "page.html")),
@@ -49,8 +49,6 @@ def test_sigterm_ends_each_verb_as_ctrl_c_does(
 def test_each_verb_removes_what_a_killed_one_left(what: str, here: Path) -> None:
     Path("short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
     Path("road.toml").write_text("circumference_m = 400\n")
-    if what == "figures":
-        Path("rows.csv").write_text("driver,vehicles,mean_speed_m_s\nidm,5,20\n")
     name, words = WRITING[what]
     written = Path(name)
     written.parent.mkdir(exist_ok=True)
