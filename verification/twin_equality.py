@@ -10,6 +10,7 @@
    many decisions all indicators of the ego are equal in both worlds (1e-6).
 """
 
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from statistics import fmean
 from typing import NamedTuple
@@ -154,16 +155,23 @@ def equal_decisions(one: Drive, other: Drive) -> int:
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables of each kind of traffic."""
     program = Program(__doc__)
     program.number("--scenes", 1000, "scenes of each number of vehicles")
     program.number("--episodes", 20, "paired episodes of each driver")
     program.number("--every", 7, "decisions between two scenes of an episode")
     program.add_argument("--vehicles", nargs="+", type=int, default=[5, 10, 20, 30, 40])
     program.add_argument("--scenario", default="circular_three_lane")
+    program.some("--traffic", ("calm", "overtaking", "naturalistic"))
     given = program.parse_args()
-    config = Config()
-    print("speeds a second ahead, of all vehicles, from scenes in SUMO")
+    for kind in given.traffic:
+        compare(given, Config().with_traffic(kind), kind)
+    print(program.made_by())
+
+
+def compare(given: Namespace, config: Config, kind: str) -> None:
+    """Print both tables of a kind of traffic."""
+    print(f"traffic {kind}: speeds a second ahead, of all vehicles, from scenes in SUMO")
     print("vehicles  scenes  to 1e-6 m/s  to 0.2 m/s   mean error m/s")
     for vehicles in given.vehicles:
         errors = second_ahead(vehicles, given.scenes, given.every, config, given.scenario)
@@ -197,7 +205,8 @@ def main() -> None:
                 f"{changes[1]:6.4f}{equal:9d} of {total}",
                 flush=True,
             )
-    print(program.made_by())
+    print(flush=True)
+    sumo.close()
 
 
 if __name__ == "__main__":

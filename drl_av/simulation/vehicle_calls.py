@@ -130,10 +130,6 @@ def requested_speeds(
 ) -> None:
     """Set ``requested_m_s`` to the speed to request for each vehicle, or to ``LEFT_TO_SUMO``.
 
-    SUMO must keep control of the speed while its models brake the vehicle themselves. It does so to
-    make room for a lane change, and in an emergency, in which it brakes harder than a request may.
-    SUMO keeps control until it brakes normally again.
-
     Args:
         state: The gap to the vehicle ahead of each vehicle, without SUMO's minimum gap; its speed,
             nan if there is none; and the speed of the vehicle. The shape is (3, 1 + N).
@@ -145,25 +141,48 @@ def requested_speeds(
         requested_m_s: The result, shape (1 + N,).
     """
     for row in range(len(requested_m_s)):
-        most = most_speed(state[:, row], limits_m_s2[0, row], step_s)
-        within_reach = most < state[2, row] + limits_m_s2[1, row] * step_s
-        requested_m_s[row] = most if within_reach else LEFT_TO_SUMO
+        most = most_speed(state[0, row], state[1, row], limits_m_s2[0, row], step_s)
+        requested_m_s[row] = limited_speed(most, state[2, row], limits_m_s2[1, row], step_s)
     for one in range(wishes.shape[1]):
         row = int(wishes[0, one])
         speed, braking_m_s2 = state[2, row], limits_m_s2[0, row]
-        most = most_speed(state[:, row], braking_m_s2, step_s)
-        brakes = wishes[2, one] < speed - 1e-6 or wishes[3, one] < -braking_m_s2 - 1e-6
-        if most >= speed and brakes:
-            requested_m_s[row] = LEFT_TO_SUMO
-        else:
-            requested_m_s[row] = min(most, max(0.0, speed + wishes[1, one] * step_s))
+        most = most_speed(state[0, row], state[1, row], braking_m_s2, step_s)
+        wanted, without, now = wishes[1, one], wishes[2, one], wishes[3, one]
+        requested_m_s[row] = wished_speed(most, speed, wanted, without, now, braking_m_s2, step_s)
 
 
-def most_speed(state: FloatArray, braking_m_s2: float, step_s: float) -> float:
-    """Return ``stoppable_speed`` of a vehicle, whose column of ``state`` is given; inf if free."""
-    if np.isnan(state[1]):
+def limited_speed(most: float, speed: float, acceleration_m_s2: float, step_s: float) -> float:
+    """Return the request to a vehicle that SUMO drives, at most ``most``; m/s."""
+    return most if most < speed + acceleration_m_s2 * step_s else LEFT_TO_SUMO
+
+
+def wished_speed(
+    most: float,
+    speed: float,
+    wanted_m_s2: float,
+    without_m_s: float,
+    now_m_s2: float,
+    braking_m_s2: float,
+    step_s: float,
+) -> float:
+    """Return the request to a vehicle that wants an acceleration, at most ``most``; m/s.
+
+    SUMO must keep control of the speed while its models brake the vehicle themselves. It does so to
+    make room for a lane change, and in an emergency, in which it brakes harder than a request may.
+    SUMO keeps control until it brakes normally again. ``without_m_s`` is the speed that SUMO's
+    models chose in the last step, ``now_m_s2`` the acceleration in this step.
+    """
+    brakes = without_m_s < speed - 1e-6 or now_m_s2 < -braking_m_s2 - 1e-6
+    if most >= speed and brakes:
+        return LEFT_TO_SUMO
+    return min(most, max(0.0, speed + wanted_m_s2 * step_s))
+
+
+def most_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:
+    """Return ``stoppable_speed``, or inf if there is no vehicle ahead: its speed is nan."""
+    if np.isnan(ahead_m_s):
         return np.inf
-    return stoppable_speed(state[0], state[1], braking_m_s2, step_s)
+    return stoppable_speed(gap_m, ahead_m_s, braking_m_s2, step_s)
 
 
 def stoppable_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:

@@ -15,6 +15,7 @@ from drl_av.simulation.population import (
     require_speed_limit,
     require_truck_width,
 )
+from drl_av.simulation.vehicle_calls import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import activate, mark_present
 from drl_av.twin.following import STEP_S
 from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted
@@ -35,6 +36,7 @@ from drl_av.twin.worlds import (
     ORDER,
     REQUEST_END,
     REQUEST_LANE,
+    REQUESTED_M_S,
     RESERVED,
     SHADOW,
     SPEED_M_S,
@@ -42,8 +44,9 @@ from drl_av.twin.worlds import (
     THRESHOLD_RIGHT,
     TRACKED,
     TRACKED_LEFT,
-    WANTED_SPEED_M_S,
+    UNASKED_M_S,
     WIDTH_M,
+    WISH_M_S2,
     IntArray,
     Loop,
     World,
@@ -98,7 +101,6 @@ def require_supported(scenario: Scenario, config: Config) -> None:
             timing.lateral_resolution_m, scenario.road.lane_width_m
         ),
         "finite-state, level-k and hard-braking drivers": any(traffic.shares),
-        "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
         "a list of traffic.presets": bool(traffic.presets),
     }
     for what, is_so in refused.items():
@@ -154,7 +156,8 @@ def place_vehicles(
     with np.errstate(divide="ignore"):  # a driver without lcSpeedGain changes for no gain
         x[THRESHOLD_LEFT, :n] = GAIN / population.speed_gain
     x[THRESHOLD_RIGHT] = RIGHT_RELUCTANCE * x[THRESHOLD_LEFT]
-    x[WANTED_SPEED_M_S], x[ADVICE_M_S] = np.inf, np.inf
+    x[ADVICE_M_S], x[WISH_M_S2] = np.inf, np.nan
+    x[REQUESTED_M_S], x[UNASKED_M_S] = LEFT_TO_SUMO, -1.0
     for lane in range(loop.lanes):
         is_open = loop.first_open <= lane <= loop.last_open
         x[EXPECTED_M_S + lane] = x[DESIRED_M_S] if is_open else -1.0
