@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from drl_av.cli.options import int_at_least
+from drl_av.config.schema import meanings
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.road_description import RoadDescription
 from drl_av.scenarios.road_types import ROAD_TYPES, road_type_name
@@ -35,11 +36,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "name of a scenario that ships with drl-av; given several times, it puts the vehicles of "
         "these stories on one road",
     )
-    meanings = "; ".join(f"{name}: {kind.meaning}" for name, kind in ROAD_TYPES.items())
-    parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {meanings}")
+    kinds = "; ".join(f"{name}: {kind.meaning}" for name, kind in ROAD_TYPES.items())
+    parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {kinds}")
     for name, users in _users().items():
-        item = next(iter(users.values()))
-        help_text = item.metadata["meaning"]
+        kind, item = next(iter(users.items()))
+        help_text = meanings(ROAD_TYPES[kind].description)[name].text
         if isinstance(item.default, int | float):
             help_text = f"{help_text} (default: {item.default:g})"
         if len(users) < len(ROAD_TYPES):
@@ -51,8 +52,9 @@ def _users() -> dict[str, dict[str, Field[Any]]]:
     """Return, for each setting, the scenario kinds that have it, each with its dataclass field."""
     users: dict[str, dict[str, Field[Any]]] = {}
     for kind, entry in ROAD_TYPES.items():
+        meant = meanings(entry.description)
         for item in fields(entry.description):
-            if "meaning" in item.metadata:
+            if item.init and item.name in meant:
                 users.setdefault(item.name, {})[kind] = item
     return users
 

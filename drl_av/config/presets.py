@@ -38,7 +38,7 @@ PRESETS: dict[str, Config] = {
     "large": Config()
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
-    .updated("traffic", presets=("calm", "overtaking"), vehicles_max=40),
+    .updated("traffic", presets=("calm", "overtaking", "naturalistic"), vehicles_max=40),
     "literal": from_sections(LITERAL),
 }
 _FAST_ON_RAMPS = {

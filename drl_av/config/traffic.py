@@ -13,126 +13,84 @@ CONGESTED_M_S = 60 / 3.6
 
 @dataclass(frozen=True)
 class TrafficConfig(Section):
-    """The background traffic: the number of vehicles, and the ranges of their random parameters."""
+    """The background traffic: the number of vehicles, and the ranges of their random parameters.
 
-    vehicles_min: int = setting(
-        1, "Sec. IV-B", "fewest vehicles besides the ego in an episode", low=0, high=1000
-    )
-    vehicles_max: int = setting(
-        30, "Sec. IV-B", "N_T, most vehicles besides the ego in an episode", low=0, high=1000
-    )
-    presets: tuple[str, ...] = setting(
-        (),
-        "ours",
-        "kinds of traffic of which each episode draws one; only the numbers of vehicles may then "
-        "be set",
-    )
-    desired_speed_min_m_s: float = setting(20.0, "ours", "lowest desired speed", low=0, high=60)
-    desired_speed_max_m_s: float = setting(32.0, "ours", "highest desired speed", low=0.1, high=60)
-    headway_min_s: float = setting(0.8, "ours", "shortest headway of SUMO's IDM", low=0.5, high=10)
-    headway_max_s: float = setting(1.4, "ours", "longest headway of SUMO's IDM", low=0.5, high=10)
-    acceleration_min_m_s2: float = setting(
-        1.0, "ours", "smallest acceleration of SUMO's IDM", low=0.1, high=10
-    )
-    acceleration_max_m_s2: float = setting(
-        2.0, "ours", "largest acceleration of SUMO's IDM", low=0.1, high=10
-    )
-    speed_gain_min: float = setting(
-        0.0,
-        "ours",
-        "smallest lcSpeedGain of SUMO, the eagerness to change lanes for speed",
-        low=0,
-        high=100,
-    )
-    speed_gain_max: float = setting(
-        0.0,
-        "ours",
-        "largest lcSpeedGain of SUMO; 0: all lane changes are random",
-        low=0,
-        high=100,
-    )
-    random_lane_changes_per_s: float = setting(
-        0.002, "ours", "rate at which a vehicle requests a random lane change", low=0, high=1
-    )
-    lane_evenness: float = setting(
-        2.0,
-        "ours",
-        "parameter of the Dirichlet distribution that draws the share of each lane; a large value "
-        "makes the shares nearly equal",
-        low=0.01,
-        high=1000,
-    )
-    start_gap_m: float = setting(
-        8.0,
-        "ours",
-        "smallest gap, bumper to bumper, between vehicles of a lane at the start",
-        low=STANDSTILL_GAP_M,
-        high=100,
-    )
-    finite_state_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a finite-state machine drives a vehicle", low=0, high=1
-    )
-    level_0_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle is a level-0 driver", low=0, high=1
-    )
-    level_1_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle is a level-1 driver", low=0, high=1
-    )
-    keep_stopping_distance: bool = setting(
-        False,
-        "ours",
-        "whether vehicles that SUMO drives stay slow enough to stop behind the one ahead, which "
-        "IDM alone does not ensure; beside finite-state and level-k drivers they do so in any case",
-    )
-    overtake_right: bool = setting(
-        False, "SUMO", "whether SUMO's drivers may pass a vehicle on the right above 60 km/h"
-    )
-    standing_share: float = setting(
-        0.0,
-        "ours",
-        "chance that a vehicle almost stands: its desired speed is 0.1 m/s",
-        low=0,
-        high=1,
-    )
-    crawling_share: float = setting(
-        0.0, "ours", "chance that a vehicle crawls, with a low desired speed", low=0, high=1
-    )
-    crawling_speed_max_m_s: float = setting(
-        8.0, "ours", "highest desired speed of a crawling vehicle", low=0.1, high=60
-    )
-    fast_share: float = setting(
-        0.0, "ours", "chance that a vehicle is fast and overtakes often", low=0, high=1
-    )
-    fast_speed_m_s: float = setting(
-        38.0, "ours", "desired speed of a fast vehicle", low=0.1, high=60
-    )
-    fast_speed_gain: float = setting(5.0, "ours", "lcSpeedGain of a fast vehicle", low=0, high=100)
-    hard_braking_share: float = setting(
-        0.0,
-        "ours",
-        "chance that a finite-state machine drives a vehicle and brakes hard at random times",
-        low=0,
-        high=1,
-    )
-    hard_brakes_per_s: float = setting(
-        0.02, "ours", "rate at which a hard-braking vehicle begins to brake hard", low=0, high=1
-    )
-    hard_brake_s: int = setting(
-        3, "ours", "duration of one hard braking, whole seconds", low=1, high=60
-    )
+    vehicles_min: fewest vehicles besides the ego in an episode (Sec. IV-B)
+    vehicles_max: N_T, most vehicles besides the ego in an episode (Sec. IV-B)
+    presets: kinds of traffic of which each episode draws one; only the numbers of vehicles may then
+        be set (ours)
+    desired_speed_min_m_s: lowest desired speed (ours)
+    desired_speed_max_m_s: highest desired speed (ours)
+    headway_min_s: shortest headway of SUMO's IDM (ours)
+    headway_max_s: longest headway of SUMO's IDM (ours)
+    acceleration_min_m_s2: smallest acceleration of SUMO's IDM (ours)
+    acceleration_max_m_s2: largest acceleration of SUMO's IDM (ours)
+    speed_gain_min: smallest lcSpeedGain of SUMO, the eagerness to change lanes for speed (ours)
+    speed_gain_max: largest lcSpeedGain of SUMO; 0: all lane changes are random (ours)
+    random_lane_changes_per_s: rate at which a vehicle requests a random lane change (ours)
+    lane_evenness: parameter of the Dirichlet distribution that draws the share of each lane; a
+        large value makes the shares nearly equal (ours)
+    start_gap_m: smallest gap, bumper to bumper, between vehicles of a lane at the start (ours)
+    finite_state_share: chance that a finite-state machine drives a vehicle (Sec. IV-B)
+    level_0_share: chance that a vehicle is a level-0 driver (Sec. IV-B)
+    level_1_share: chance that a vehicle is a level-1 driver (Sec. IV-B)
+    keep_stopping_distance: whether vehicles that SUMO drives stay slow enough to stop behind the
+        one ahead, which IDM alone does not ensure; beside finite-state and level-k drivers they do
+        so in any case (ours)
+    overtake_right: whether SUMO's drivers may pass a vehicle on the right above 60 km/h (SUMO)
+    standing_share: chance that a vehicle almost stands: its desired speed is 0.1 m/s (ours)
+    crawling_share: chance that a vehicle crawls, with a low desired speed (ours)
+    crawling_speed_max_m_s: highest desired speed of a crawling vehicle (ours)
+    fast_share: chance that a vehicle is fast and overtakes often (ours)
+    fast_speed_m_s: desired speed of a fast vehicle (ours)
+    fast_speed_gain: lcSpeedGain of a fast vehicle (ours)
+    hard_braking_share: chance that a finite-state machine drives a vehicle and brakes hard at
+        random times (ours)
+    hard_brakes_per_s: rate at which a hard-braking vehicle begins to brake hard (ours)
+    hard_brake_s: duration of one hard braking, whole seconds (ours)
+    truck_share: chance that a vehicle is a truck (ours)
+    truck_length_m: length of a truck (ours)
+    truck_width_m: width of a truck (ours)
+    truck_speed_min_m_s: lowest desired speed of a truck (ours)
+    truck_speed_max_m_s: highest desired speed of a truck (ours)
+    truck_acceleration_m_s2: acceleration of a truck (ours)
+    """
 
-    truck_share: float = setting(0.0, "ours", "chance that a vehicle is a truck", low=0, high=1)
-    truck_length_m: float = setting(12.0, "ours", "length of a truck", low=1, high=25)
-    truck_width_m: float = setting(2.5, "ours", "width of a truck", low=0.5, high=5)
-    truck_speed_min_m_s: float = setting(
-        22.0, "ours", "lowest desired speed of a truck", low=0, high=60
-    )
-    truck_speed_max_m_s: float = setting(
-        27.0, "ours", "highest desired speed of a truck", low=0.1, high=60
-    )
-    truck_acceleration_m_s2: float = setting(
-        0.7, "ours", "acceleration of a truck", low=0.1, high=10
-    )
+    vehicles_min: int = setting(1, low=0, high=1000)
+    vehicles_max: int = setting(30, low=0, high=1000)
+    presets: tuple[str, ...] = ()
+    desired_speed_min_m_s: float = setting(20.0, low=0, high=60)
+    desired_speed_max_m_s: float = setting(32.0, low=0.1, high=60)
+    headway_min_s: float = setting(0.8, low=0.5, high=10)
+    headway_max_s: float = setting(1.4, low=0.5, high=10)
+    acceleration_min_m_s2: float = setting(1.0, low=0.1, high=10)
+    acceleration_max_m_s2: float = setting(2.0, low=0.1, high=10)
+    speed_gain_min: float = setting(0.0, low=0, high=100)
+    speed_gain_max: float = setting(0.0, low=0, high=100)
+    random_lane_changes_per_s: float = setting(0.002, low=0, high=1)
+    lane_evenness: float = setting(2.0, low=0.01, high=1000)
+    start_gap_m: float = setting(8.0, low=STANDSTILL_GAP_M, high=100)
+    finite_state_share: float = setting(0.0, low=0, high=1)
+    level_0_share: float = setting(0.0, low=0, high=1)
+    level_1_share: float = setting(0.0, low=0, high=1)
+    keep_stopping_distance: bool = False
+    overtake_right: bool = False
+    standing_share: float = setting(0.0, low=0, high=1)
+    crawling_share: float = setting(0.0, low=0, high=1)
+    crawling_speed_max_m_s: float = setting(8.0, low=0.1, high=60)
+    fast_share: float = setting(0.0, low=0, high=1)
+    fast_speed_m_s: float = setting(38.0, low=0.1, high=60)
+    fast_speed_gain: float = setting(5.0, low=0, high=100)
+    hard_braking_share: float = setting(0.0, low=0, high=1)
+    hard_brakes_per_s: float = setting(0.02, low=0, high=1)
+    hard_brake_s: int = setting(3, low=1, high=60)
+
+    truck_share: float = setting(0.0, low=0, high=1)
+    truck_length_m: float = setting(12.0, low=1, high=25)
+    truck_width_m: float = setting(2.5, low=0.5, high=5)
+    truck_speed_min_m_s: float = setting(22.0, low=0, high=60)
+    truck_speed_max_m_s: float = setting(27.0, low=0.1, high=60)
+    truck_acceleration_m_s2: float = setting(0.7, low=0.1, high=10)
 
     def __post_init__(self) -> None:
         super().__post_init__()

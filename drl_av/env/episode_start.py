@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config, SimulationConfig, TrafficConfig
-from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
@@ -123,8 +122,7 @@ def traffic_setups(
     """
     found = []
     for each in config.per_traffic_preset:
-        level_1 = load_level_1(scenario.road) if each.traffic.level_1_share else None
-        drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types, level_1)
+        drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types)
         simulation = Simulation(scenario, each, gui, sumo_options)
         found.append(TrafficSetup(simulation, drivers))
     return found

@@ -36,8 +36,6 @@ STYLES = {
     "gap-mobil-1.3": ("#882255", "d"),
     "sumo": ("#56b4e9", "<"),
     "sumo-tuned": ("#332288", ">"),
-    "planner": ("#117733", "P"),
-    "pretrained-smooth": ("#ee7733", "p"),
     "random": ("#999999", "x"),
     "pretrained-large": ("#004488", "*"),
 }

@@ -4,7 +4,7 @@ import math
 import re
 from abc import ABC
 from collections.abc import Collection
-from dataclasses import Field, asdict, dataclass, field, fields
+from dataclasses import Field, asdict, dataclass, fields
 from functools import partial
 from typing import Any, ClassVar
 
@@ -22,16 +22,12 @@ BOUNDS: dict[str, Bounds] = {
     "desired_speed_m_s": (0.1, 100),
 }
 """Bounds of the numeric fields of a placed vehicle."""
-LANES = partial(setting, 3, "ours", "number of lanes", low=1, high=10)
-LANE_WIDTH_M = partial(setting, 3.8, "Table I", "width of a lane, metres", low=2, high=10)
-SPEED_LIMIT_M_S = partial(setting, 40.0, "ours", "speed limit, m/s", low=1, high=100)
-VEHICLE_LENGTH_M = partial(
-    setting, 5.0, "ours", "length of a vehicle, metres", low=LENGTHS_M[0], high=LENGTHS_M[1]
-)
-VEHICLE_WIDTH_M = partial(
-    setting, 1.8, "ours", "width of a vehicle, metres", low=WIDTHS_M[0], high=WIDTHS_M[1]
-)
-"""Fields that the descriptions of all kinds of roads have."""
+LANES = partial(setting, 3, low=1, high=10)
+LANE_WIDTH_M = partial(setting, 3.8, low=2, high=10)
+SPEED_LIMIT_M_S = partial(setting, 40.0, low=1, high=100)
+VEHICLE_LENGTH_M = partial(setting, 5.0, low=LENGTHS_M[0], high=LENGTHS_M[1])
+VEHICLE_WIDTH_M = partial(setting, 1.8, low=WIDTHS_M[0], high=WIDTHS_M[1])
+"""Fields of the descriptions of all kinds of roads; ``RoadDescription`` says what they are."""
 INNER_RADIUS_M = 5.0
 """Smallest radius of the inner edge of the innermost lane."""
 MOST_VEHICLES = 3000
@@ -81,7 +77,14 @@ class PlacedVehicle:
 
 
 class RoadDescription(ABC):
-    """What the descriptions of all kinds of roads have: frozen dataclasses with these fields."""
+    """What the descriptions of all kinds of roads have: frozen dataclasses with these fields.
+
+    lanes: number of lanes (ours)
+    lane_width_m: width of a lane, metres (Table I)
+    speed_limit_m_s: speed limit, m/s (ours)
+    vehicle_length_m: length of a vehicle, metres (ours)
+    vehicle_width_m: width of a vehicle, metres (ours)
+    """
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
     lanes: int
@@ -112,23 +115,22 @@ class RoadDescription(ABC):
 class ScenarioDescription(RoadDescription):
     """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
 
+    circumference_m: length of every lane of the loop, metres (ours)
+    barricaded_lanes: lanes to close along the loop; 0 is the rightmost (ours)
+
     Raises:
         ScenarioError: a value has a wrong type or is out of bounds, the loop is too short for its
             lanes, no lane is open, or a placed vehicle is off the road, too fast or overlaps
             another one.
     """
 
-    circumference_m: float = setting(
-        500.0, "ours", "length of every lane of the loop, metres", low=100, high=50_000
-    )
+    circumference_m: float = setting(500.0, low=100, high=50_000)
     lanes: int = LANES()
     lane_width_m: float = LANE_WIDTH_M()
     speed_limit_m_s: float = SPEED_LIMIT_M_S()
     vehicle_length_m: float = VEHICLE_LENGTH_M()
     vehicle_width_m: float = VEHICLE_WIDTH_M()
-    barricaded_lanes: tuple[int, ...] = field(
-        default=(), metadata={"meaning": "lanes to close along the loop; 0 is the rightmost"}
-    )
+    barricaded_lanes: tuple[int, ...] = ()
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
 
