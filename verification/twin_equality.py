@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.config.traffic_presets import SINGLE_PRESETS
+from drl_av.config.traffic import SINGLE_PRESETS
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv

@@ -14,13 +14,13 @@ from drl_av.config import Config
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
-from drl_av.driving.infer_action import infer_action
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.observation_scale import ObservationScale
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.scene import LaneChange, Scene, infer_action
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
+    RouteOutcome,
     TrafficSetup,
     drawn_traffic,
     most_decisions,
@@ -33,14 +33,14 @@ from drl_av.env.fork import copy_episode
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
-from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.scene_values import SceneValues
 from drl_av.env.transition import Observation, RewardFunction, Transition, custom_reward
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError, pluralize
 from drl_av.road.snapshot import EGO, Snapshot
-from drl_av.safety import ActionMask, action_mask, mask_of, named_check, starts_unsafe
+from drl_av.safety import ActionMask, action_mask, mask_of, named_check
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
+from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
 
@@ -198,7 +198,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._observe(snapshot, None)
         self._route = RouteOutcome(self.road, self.scene)
         info = self._info(self._route.outcome(self.scene, over=False))
-        info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
+        check = self.safety_check
+        info["unsafe_start"] = isinstance(check, Strict) and not check.start_is_safe(self.scene)
         if self._renderer is not None:
             self._renderer.reset(snapshot, self.seed)
         self._over = False

@@ -8,7 +8,7 @@ from drl_av.config import Config
 from drl_av.env.twin_episodes import advance, read_scene
 from drl_av.errors import ConfigError
 from drl_av.road.road_numbers import road_numbers
-from drl_av.road.snapshot import Collision, Command, Snapshot, TrafficCommand
+from drl_av.road.snapshot import NO_COMMANDS, Collision, Command, Snapshot, TrafficCommands
 from drl_av.road.sweep import HIT_EDGE, KINDS, NO_CONTACT
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
@@ -59,7 +59,7 @@ class TwinSimulation:
         return self._snapshot()
 
     def advance(
-        self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
+        self, commands: Sequence[Command], traffic_commands: TrafficCommands = NO_COMMANDS
     ) -> tuple[Snapshot, Collision | None]:
         """Execute one command for the ego in each step, until it collides.
 
@@ -67,10 +67,9 @@ class TwinSimulation:
         """
         for row, side in self.fleet.lane_changes(0.0, ()):
             request_change(self.world, row, side, REQUEST_STEPS)
-        for row, acceleration_m_s2, side in traffic_commands:
-            self.world.x[WISH_M_S2, row] = acceleration_m_s2
-            if side:
-                request_change(self.world, row, side, len(commands))
+        self.world.x[WISH_M_S2, traffic_commands.rows] = traffic_commands.acceleration_m_s2
+        for row, side in traffic_commands.lane_changes():
+            request_change(self.world, row, side, len(commands))
         collision = None
         for command in commands:
             kind, row = advance.fast(

@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 import drl_av  # noqa: F401
 from drl_av.config import Config
-from drl_av.config.traffic_presets import SINGLE_PRESETS
+from drl_av.config.traffic import SINGLE_PRESETS
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic

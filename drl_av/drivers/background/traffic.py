@@ -25,7 +25,7 @@ from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, road_numbers
-from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
 from drl_av.road.vehicle_types import VehicleTypes
 from drl_av.simulation.population import DriverModel
 
@@ -101,19 +101,16 @@ class TrafficDrivers:
         self._found = np.zeros(n), np.zeros(n, np.int64)
         self._hard_braking = HardBraking(seed, driver_models, self._config)
 
-    def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """Return one command for each vehicle that SUMO does not drive.
-
-        The commands hold until the next decision.
-        """
+    def __call__(self, snapshot: Snapshot) -> TrafficCommands:
+        """Return the commands of all vehicles that SUMO does not drive, until the next decision."""
         rows = self._rows
         if not len(rows):
-            return []
+            return NO_COMMANDS
         self._hard_braking(self.memory[1])
         of_vehicles = *self._of_each, *self.memory, *self._found
         decide.fast(*snapshot.arrays, self._numbers, rows, *of_vehicles)
-        acceleration_m_s2, side = (each[rows].tolist() for each in self._found)
-        return [*map(TrafficCommand, rows.tolist(), acceleration_m_s2, side)]
+        acceleration_m_s2, side = self._found
+        return TrafficCommands(rows, acceleration_m_s2[rows], side[rows])
 
 
 @compiled
