@@ -36,6 +36,7 @@ PRESETS: dict[str, Config] = {
         lane_change_margin=0.02,
     ),
     "large": Config()
+    .updated("simulation", world="twin")
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
     .updated("traffic", vehicles_max=32),

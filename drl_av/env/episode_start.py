@@ -9,6 +9,7 @@ import numpy as np
 from drl_av.config import Config, SimulationConfig, TrafficConfig
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.scene import Scene
+from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import Road
@@ -51,11 +52,12 @@ def most_decisions(config: Config, layout: Layout) -> int:
     return max(most, math.ceil(way_m / slow_m))
 
 
-def reset_options(options: Any) -> Mapping[str, Any]:
-    """Return the options of a reset as a dictionary.
+def reset_options(options: Any, *further: str) -> dict[str, Any]:
+    """Return the options of a reset as a new dictionary.
 
     Raises:
-        ConfigError: they are no dictionary, or have an option other than ``vehicles``.
+        ConfigError: they are no dictionary, or have an option other than ``vehicles`` and
+            ``further``.
     """
     if options is None:
         return {}
@@ -65,9 +67,9 @@ def reset_options(options: Any) -> Mapping[str, Any]:
             "{'vehicles': 30}."
         )
     for name in options:
-        if name != "vehicles":
+        if name not in ("vehicles", *further):
             raise ConfigError(f"reset has no option {name!r}; its option is: vehicles.")
-    return options
+    return dict(options)
 
 
 def number_of_vehicles(
@@ -112,7 +114,7 @@ def number_of_vehicles(
 class TrafficSetup(NamedTuple):
     """The traffic of one kind."""
 
-    simulation: Simulation
+    simulation: Simulation | TwinSimulation
     drivers: TrafficDrivers
 
 
@@ -121,17 +123,19 @@ def traffic_setups(
 ) -> list[TrafficSetup]:
     """Return the traffic of each kind that an episode may have; often there is only one.
 
-    Raises the errors of ``Simulation``.
+    Raises the errors of ``Simulation`` or ``TwinSimulation``.
     """
     found = []
     for each in config.per_traffic_preset:
         drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types)
-        simulation = Simulation(scenario, each, gui, sumo_options)
-        found.append(TrafficSetup(simulation, drivers))
+        world = TwinSimulation if each.simulation.world == "twin" else Simulation
+        found.append(TrafficSetup(world(scenario, each, gui, sumo_options), drivers))
     return found
 
 
-def drawn_traffic(setups: Sequence[TrafficSetup], seed: int, before: Simulation) -> TrafficSetup:
+def drawn_traffic(
+    setups: Sequence[TrafficSetup], seed: int, before: Simulation | TwinSimulation
+) -> TrafficSetup:
     """Draw the traffic of an episode from its seed, and return it.
 
     ``before`` is the simulation of the previous episode. If the episode has another simulation,

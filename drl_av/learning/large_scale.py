@@ -9,7 +9,7 @@ from drl_av.config import Config
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.masked_policy import KIND
 from drl_av.drivers.policy_file import save
-from drl_av.errors import RunError
+from drl_av.errors import ConfigError, RunError
 from drl_av.files import append_rows, table_bytes
 from drl_av.learning.ppo import Ppo, Progress
 from drl_av.learning.twin_worlds import TwinWorlds
@@ -26,9 +26,12 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
     with the same versions. A training that is stopped leaves the policy of its last twentieth part.
 
     Raises:
+        ConfigError: ``simulation.world`` is not the twin.
         RunError: the folder exists and is not empty, or cannot be made.
         CheckpointError: the policy cannot be written.
     """
+    if config.simulation.world != "twin":
+        raise ConfigError('PPO at scale trains in the twin: set simulation.world = "twin".')
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists already: choose another folder with --out.")
     learner = Ppo(TwinWorlds(config, config.learning.seed), config.ppo, config.learning.seed)

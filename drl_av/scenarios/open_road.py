@@ -63,6 +63,7 @@ class OpenDescription(RoadDescription):
     flow_per_h: float = setting(1000.0, low=0, high=2400)
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
+    additional_files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_sizes(self)

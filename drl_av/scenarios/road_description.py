@@ -6,6 +6,7 @@ from abc import ABC
 from collections.abc import Collection
 from dataclasses import Field, asdict, dataclass, fields
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import tomli_w
@@ -34,7 +35,7 @@ MOST_VEHICLES = 3000
 """Largest number of vehicles, with the ego, that start on an open road or that a scenario places.
 The time of a SUMO step grows with the square of the number of vehicles in a lane, because the
 sublane model looks for followers among all of them."""
-TYPES = "vehicle_types"
+TYPES, FILES = "vehicle_types", "additional_files"
 REQUIRED = ("id", "share", "length_m", "width_m", "car_following_model")
 """The keys of a vehicle type that a description always states."""
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -96,6 +97,8 @@ class RoadDescription(ABC):
     vehicles: tuple[PlacedVehicle, ...]
     vehicle_types: tuple[CustomVehicleType, ...]
     """The user's own vehicle types and their shares; all other vehicles have the size above."""
+    additional_files: tuple[str, ...]
+    """Paths of SUMO's additional files that are the user's own, such as detectors."""
 
     def to_toml(self) -> str:
         """Return the description as TOML text, without its kind; ``from_toml`` reads it back."""
@@ -133,6 +136,7 @@ class ScenarioDescription(RoadDescription):
     barricaded_lanes: tuple[int, ...] = ()
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
+    additional_files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -190,11 +194,12 @@ class ScenarioDescription(RoadDescription):
 def toml_text(description: RoadDescription, **changed: str | float) -> str:
     """Return a description as TOML text, without its kind.
 
-    The keys of the user's own vehicle types and of a vehicle's lane changes are left out if there
-    are none. ``changed`` replaces the values of some keys.
+    The keys of the user's own vehicle types and files and of a vehicle's lane changes are left out
+    if there are none. ``changed`` replaces the values of some keys.
     """
     given = [item.name for item in fields(description) if item.init]
     values = {key: value for key, value in asdict(description).items() if key in given} | changed
+    values[FILES] = [Path(path).name for path in description.additional_files]
     for vehicle in values["vehicles"]:
         if not vehicle["lane_changes"]:
             del vehicle["lane_changes"]
@@ -203,7 +208,9 @@ def toml_text(description: RoadDescription, **changed: str | float) -> str:
         {key: value for key, value in kind.items() if key in REQUIRED or value != vars(usual)[key]}
         for kind in values[TYPES]
     ]
-    return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
+    return tomli_w.dumps(
+        {key: value for key, value in values.items() if value or key not in (TYPES, FILES)}
+    )
 
 
 def longest_m(description: RoadDescription) -> float:

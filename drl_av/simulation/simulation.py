@@ -108,6 +108,8 @@ class Simulation:
         if self._gui:
             self._window = GuiCamera(self._sumo, self.scenario.layout)
         self._steps = 0
+        self.requests: dict[int, tuple[int, float]] = {}
+        """By row the last lane change that was requested: the lane, and the time of its end."""
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
         self._requests = SpeedRequests(self._sumo, self._config.simulation.step_length_s)
@@ -158,6 +160,8 @@ class Simulation:
                     vehicle, ids[row]
                 ):
                     vehicle.changeLaneRelative(ids[row], side, LANE_CHANGE_S)
+                    lane = self.road.lane_of(float(self._state[1, row])) + side
+                    self.requests[row] = lane, self._time_s + LANE_CHANGE_S
             ask_for_lane_changes(vehicle, ids, traffic_commands, timing)
             asks = traffic_commands or self._config.traffic.keep_stopping_distance
             near: Sequence[int] = range(EGO + 1, len(ids))
@@ -208,7 +212,8 @@ class Simulation:
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
-        as_written = self.scenario.as_written and not self._sumo_options
+        own = self._sumo_options or self.scenario.description.additional_files
+        as_written = self.scenario.as_written and not own
         if self._owns_sumo() and as_written and not self._gui:
             with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
                 clear_the_road(self._sumo)

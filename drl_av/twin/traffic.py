@@ -135,6 +135,21 @@ def draw_traffic(
     return population, np.concatenate(found).astype(np.int64)
 
 
+def draw_future(
+    rng: np.random.Generator, vehicles: int, config: Config, first: int, decisions: int
+) -> IntArray:
+    """Draw random lane changes in ``decisions`` decisions from ``first`` on, as they occur.
+
+    They have the form and the distribution of those of ``draw_traffic``.
+    """
+    chance = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
+    cells = decisions * vehicles
+    drawn = np.sort(rng.choice(cells, rng.binomial(cells, chance), replace=False))
+    side = rng.choice((-1, 1), len(drawn))
+    decision, row = np.divmod(drawn, max(vehicles, 1))
+    return np.stack((first + decision, 1 + row, side), axis=1).astype(np.int64)
+
+
 def place_vehicles(
     world: World, loop: Loop, population: Population, scenario: Scenario, config: Config
 ) -> None:
