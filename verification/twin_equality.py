@@ -11,7 +11,7 @@
 """
 
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from statistics import fmean
 from typing import NamedTuple
 
@@ -21,10 +21,12 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.driving.maneuver import plan
+from drl_av.env.fork import standing_requests
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Snapshot
+from drl_av.simulation.simulation import Simulation
 from drl_av.twin.copying import copy_scene
 from drl_av.twin.step import sumo_step
 from drl_av.twin.worlds import REQUEST_END, REQUEST_LANE, SPEED_M_S, World, empty_worlds
@@ -35,32 +37,6 @@ REQUEST_STEPS = 10
 FIRST_SEED = 930_000
 
 
-class Requests:
-    """The lane changes that have been requested in SUMO, by row: the lane, and until when."""
-
-    def __init__(self, env: HighwayEnv) -> None:
-        self._fleet, self._env = env.simulation.fleet, env
-        self._draw = self._fleet.lane_changes
-        self._fleet.lane_changes = self._changes  # type: ignore[method-assign]
-        self.latest: dict[int, tuple[int, float]] = {}
-
-    def _changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
-        found = self._draw(time_s, y_m)
-        for row, side in found:
-            lane = self._env.road.lane_of(float(y_m[row])) + side
-            if lane >= 0:
-                self.latest[row] = lane, time_s + 5.0
-        return found
-
-    def standing(self, time_s: float) -> dict[int, tuple[int, int]]:
-        """Return by row the lane, and for how many SUMO steps more the request stands."""
-        return {
-            row: (lane, round((until_s - time_s) * 2))
-            for row, (lane, until_s) in self.latest.items()
-            if until_s >= time_s
-        }
-
-
 def second_ahead(
     vehicles: int, scenes: int, every: int, config: Config, scenario: str
 ) -> FloatArray:
@@ -69,11 +45,12 @@ def second_ahead(
     driver = make_drivers(find_drivers(["gap-mobil"]), env.config)["gap-mobil"]
     worlds = empty_worlds(1, vehicles + 1, len(env.road.open_lanes))
     world = World(*(array[0] for array in worlds))
+    simulation = env.simulation
+    assert isinstance(simulation, Simulation)
     loop = TwinVectorEnv(1, scenario=scenario, config=config).task.loop
     errors: list[FloatArray] = []
     for seed in range(FIRST_SEED, FIRST_SEED + scenes):
         env.reset(seed=seed, options={"vehicles": vehicles})
-        requests = Requests(env)
         for decision in range(1, 200):
             before, scene = env.scene.snapshot, env.scene
             action = driver.act(scene, env.observation)
@@ -82,11 +59,10 @@ def second_ahead(
                 break
             if decision % every == 0:
                 commands = plan(scene, done.executed, env.config.ego, env.config.simulation)[0]
-                standing = requests.standing(before.time_s)
-                population = env.simulation.fleet.population
-                where = env.simulation.scenario, env.config
+                standing = standing_requests(simulation, before.time_s)
+                where = simulation.scenario, env.config
                 begun = {row: (lane, n) for row, (lane, n) in standing.items() if n < REQUEST_STEPS}
-                copy_scene(world, loop, population, before, begun, *where)
+                copy_scene(world, loop, simulation.fleet.population, before, begun, *where)
                 for row, (lane, steps) in standing.items():  # with those of this decision
                     world.z[REQUEST_LANE, row], world.z[REQUEST_END, row] = lane, steps
                 for command in commands:

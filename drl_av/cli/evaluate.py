@@ -200,6 +200,8 @@ def evaluate(options: argparse.Namespace) -> int:
             "judgements": judgements,
         }
         write_summaries(options.json, tables)
+    if config.simulation.world == "twin":
+        print("Driven in the twin, not in SUMO.")
     if rows:
         print_summaries(summaries)
     title = title_of((row.driver, row.safety_check) for row in rows)

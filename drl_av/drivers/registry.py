@@ -1,7 +1,6 @@
 """Finds and makes the drivers of the ego by name: rule-based, shipped, learned and external ones.
 
-To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``. The command line help
-then lists it.
+To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``.
 """
 
 import os
@@ -37,6 +36,7 @@ from drl_av.drivers.rule_based import (
     NoPassingOnTheRight,
     RandomDriver,
     SumoDriver,
+    require_world,
 )
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import ConfigError, DrlAvWarning, printable
@@ -224,7 +224,7 @@ def _unknown(word: str) -> ConfigError:
 def default_config(specs: Sequence[DriverSpec]) -> Config:
     """Return the config of the first learned driver, or the default config without one.
 
-    It is the config of the driver's training, with the safety check of ``DRIVES_UNDER``.
+    It is that of the driver's training, in SUMO, with the safety check of ``DRIVES_UNDER``.
 
     Raises:
         RunError: the run of that driver does not exist, or has not saved a policy yet.
@@ -232,7 +232,7 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
     """
     for spec in specs:
         if found := spec.learned or spec.actor:
-            config, check = found[1], spec.under or spec.check
+            config, check = found[1].updated("simulation", world="sumo"), spec.under or spec.check
             return config.updated("safety", check=check) if check else config
     return Config()
 
@@ -343,13 +343,14 @@ def rule_driver(name: str, config: Config) -> Driver:
     A rule-based driver passes on the right only if ``ego.overtake_right`` permits it.
 
     Raises:
-        ConfigError: there is no such driver, or the factory does not work.
+        ConfigError: there is no such driver in this world, or the factory does not work.
     """
-    if name not in RULE_DRIVERS and is_factory(name):
-        return driver_of_factory(name, config)
     if name not in RULE_DRIVERS:
+        if is_factory(name):
+            return driver_of_factory(name, config)
         raise _unknown(name)
     driver = RULE_DRIVERS[name](config)
+    require_world(driver, config.simulation.world)
     if config.ego.overtake_right or isinstance(driver, SumoDriver):
         return driver
     return NoPassingOnTheRight(driver, config.ego)

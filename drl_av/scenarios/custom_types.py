@@ -9,7 +9,7 @@ import numpy as np
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.random_streams import Stream, generator
-from drl_av.road.bounds import LENGTHS_M, WIDTHS_M, check_numbers
+from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
 """The allowed models of SUMO, with the attributes that make each of them deterministic."""

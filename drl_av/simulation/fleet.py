@@ -257,7 +257,7 @@ class Fleet:
         """Return a population whose vehicles have what the user's own types state for them."""
         own = {each.id: each.stated for each in self.scenario.description.vehicle_types}
         stated = [own.get(name, {}) for name in type_ids]
-        return with_stated_values(population, stated, length_m, self.scenario.road.lap_m)
+        return with_stated_values(population, stated, length_m, self._road.lap_m)
 
     def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
         """Return the lengths and the widths of vehicles, metres, shape (2, n)."""

@@ -15,7 +15,7 @@ from drl_av.simulation.population import (
     require_speed_limit,
     require_truck_width,
 )
-from drl_av.simulation.vehicle_calls import LEFT_TO_SUMO
+from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import activate, mark_present
 from drl_av.twin.following import STEP_S
 from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted
@@ -133,6 +133,21 @@ def draw_traffic(
         side = np.where(draws[decision, 1, row] < 0.5, 1, -1)
         found.append(np.stack((decision + first, row, side), axis=1)[row != 0])
     return population, np.concatenate(found).astype(np.int64)
+
+
+def draw_future(
+    rng: np.random.Generator, vehicles: int, config: Config, first: int, decisions: int
+) -> IntArray:
+    """Draw random lane changes in ``decisions`` decisions from ``first`` on, as they occur.
+
+    They have the form and the distribution of those of ``draw_traffic``.
+    """
+    chance = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
+    cells = decisions * vehicles
+    drawn = np.sort(rng.choice(cells, rng.binomial(cells, chance), replace=False))
+    side = rng.choice((-1, 1), len(drawn))
+    decision, row = np.divmod(drawn, max(vehicles, 1))
+    return np.stack((first + decision, 1 + row, side), axis=1).astype(np.int64)
 
 
 def place_vehicles(

@@ -12,8 +12,8 @@ from drl_av.config import TrafficConfig
 from drl_av.config.schema import setting
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.bounds import check_numbers
 from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit
+from drl_av.road.vehicle_types import check_numbers
 from drl_av.scenarios import open_road
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
 from drl_av.scenarios.imported.carriageway import Carriageway, carriageway
