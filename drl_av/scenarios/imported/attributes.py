@@ -73,15 +73,15 @@ class Found(NamedTuple):
     """Its attributes; each of its child elements has an entry with the name of the element."""
 
 
-def left_out(found: Found) -> Iterator[str]:
-    """Yield a phrase for each attribute of an element that is left out, such as "friction 0.5".
+def left_out(found: Found) -> Iterator[tuple[str, str]]:
+    """Yield each attribute of an element that is left out, such as "friction 0.5 of", and its name.
 
     An attribute that ``TREATMENTS`` does not know is left out, too.
     """
     treatments = TREATMENTS[found.element]
     for key, value in found.attributes.items():
         if treatments.get(key, REPORTED) is REPORTED and not _is_neutral(key, value):
-            yield f"{key} {value[:40]} of {found.name}".replace("  ", " ")
+            yield f"{key} {value[:40]} of".replace("  ", " "), found.name
 
 
 def _is_neutral(key: str, value: str) -> bool:

@@ -93,9 +93,9 @@ class _Elements:
 
 
 def _require_numbers(lane: Attributes) -> None:
-    """Raise ValueError unless the numbers of a lane are finite and not negative."""
-    for key in ("length", "speed", "width"):
-        if key in lane and not 0 <= float(lane[key]) < math.inf:
+    """Raise ValueError unless the numbers of a lane are finite, and its speed is positive."""
+    for key, low in (("length", 0.0), ("speed", 1e-9), ("width", 0.0)):
+        if key in lane and not low <= float(lane[key]) < math.inf:
             raise ValueError(f"its lane {lane.get('id', '')[:40]!r} has {key} {lane[key][:40]!r}")
 
 
