@@ -33,6 +33,7 @@ from drl_av.config import Config
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.errors import ConfigError
 from drl_av.road.snapshot import EGO, EGO_ID, Snapshot
 from drl_av.road.sweep import displacements, rectangles_of
 from drl_av.sumo_programs import sumo_module
@@ -118,13 +119,14 @@ def imported(net: Path, way: Way, folder: Path) -> tuple[bool, str]:
         words = ["scenario", str(folder), "--kind", "imported", "--net", str(net), *ends]
         status = drl_av(words)
     if status:
-        return False, refused.getvalue().strip().replace(f"{net}: ", "")
+        text = refused.getvalue().strip().removeprefix("drl-av: ")
+        return False, text.removeprefix(f"{net}: ").replace(str(net), "the file")
     return True, " ".join(printed.getvalue().split("\n")[1:]).strip()
 
 
 def reason(refusal: str) -> str:
     """Return a refusal without the names and numbers of its network."""
-    without = re.sub(r"'[^']*'", "X", refusal.removeprefix("drl-av: "))
+    without = re.sub(r"'[^']*'", "X", refusal)
     return re.sub(r"(?<![\w.])\d[\d.]*", "N", without).partition(":")[0]
 
 
@@ -220,7 +222,11 @@ def results_of(folder: Path, episodes: int) -> Iterator[Result]:
             with tempfile.TemporaryDirectory() as home:
                 road = Path(home, "road")
                 read, text = imported(net, way, road)
-                drove = drive(road, episodes) if read and episodes else Drive()
+                drove = Drive()
+                try:
+                    drove = drive(road, episodes) if read and episodes else drove
+                except ConfigError as error:
+                    text += f" Not driven: {error}"
             yield Result(str(net.relative_to(folder)), way, read, text, drove)
 
 

@@ -104,6 +104,28 @@ def test_a_value_that_sumo_obeys_and_the_road_lacks_is_named(
     assert reported(tmp_path, old, new) == (phrase,)
 
 
+def test_a_connection_that_is_closed_to_cars_leads_nowhere(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2), Part(2))
+    text, way = net.read_text(), '<connection from="e0" to="e1" fromLane="0" toLane="0"'
+    net.write_text(text.replace(way, f'{way} disallow="passenger"', 1))
+    ends = [(part.lane, part.end_m) for part in along(net, 1).plan().road.partial_lanes]
+    assert ends == [(0, pytest.approx(502.0, abs=1.0)), (0, float("inf"))]  # and one begins there
+
+
+def test_an_acceleration_lane_stays_one(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2, lane='<lane index="0" acceleration="true"/>'), Part(2))
+    write_scenario(tmp_path / "road", along(net, 1))
+    written = ET.parse(tmp_path / "road" / "highway.net.xml").iter("lane")
+    assert [lane.attrib["id"] for lane in written if "acceleration" in lane.attrib] == ["e0_0"]
+
+
+def test_an_edge_with_a_function_is_no_part_of_a_route(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2), Part(2), Part(2))
+    net.write_text(net.read_text().replace('id="e1" ', 'id="e1" function="connector" ', 1))
+    with pytest.raises(ScenarioError, match="no way leads cars from edge 'e0' to edge 'e2'"):
+        along(net, 2)
+
+
 def test_a_value_without_effect_is_not_named(tmp_path: Path) -> None:
     assert reported(tmp_path, 'id="e0_0" ', 'id="e0_0" friction="1.0" ') == ()
 
