@@ -36,6 +36,7 @@ from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import EGO, EGO_ID, Snapshot
 from drl_av.road.sweep import displacements, rectangles_of
+from drl_av.simulation.simulation import Simulation
 from drl_av.sumo_programs import sumo_module
 from verification.auditor import ARRAYS, in_both
 from verification.program import Program, run_program
