@@ -20,6 +20,7 @@ from drl_av.road.road import (
 from drl_av.road.road_numbers import (
     RoadNumbers,
     allowed_speed_in,
+    around,
     is_beside,
     is_open,
     lane_end_m,
@@ -239,7 +240,7 @@ def indicators(
     for row in range(vehicles):
         if row == viewer:
             continue
-        ahead_m = (s_m[row] - own_s_m + half_lap_m) % lap_m - half_lap_m
+        ahead_m = around(s_m[row] - own_s_m + half_lap_m, lap_m) - half_lap_m
         behind = 0
         if ahead_m < 0.0:
             ahead_m, behind = -ahead_m, 1

@@ -8,7 +8,7 @@ from drl_av.config import Config
 from drl_av.env.twin_episodes import advance, read_scene, request_change
 from drl_av.errors import ConfigError
 from drl_av.road.road_numbers import road_numbers
-from drl_av.road.snapshot import Collision, Command, Snapshot, TrafficCommand
+from drl_av.road.snapshot import NO_COMMANDS, Collision, Command, Snapshot, TrafficCommands
 from drl_av.road.sweep import HIT_EDGE, KINDS, NO_CONTACT
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
@@ -58,7 +58,7 @@ class TwinSimulation:
         return self._snapshot()
 
     def advance(
-        self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
+        self, commands: Sequence[Command], traffic_commands: TrafficCommands = NO_COMMANDS
     ) -> tuple[Snapshot, Collision | None]:
         """Execute one command for the ego in each step, until it collides.
 

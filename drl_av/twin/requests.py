@@ -3,7 +3,7 @@
 import math
 
 from drl_av.compiled import borrowing
-from drl_av.simulation.vehicle_calls import (
+from drl_av.simulation.speed_requests import (
     LOOK_AHEAD_M,
     limited_speed,
     most_speed,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from drl_av.compiled import borrowing
-from drl_av.simulation.vehicle_calls import LEFT_TO_SUMO
+from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import (
     HAS_ENTERED,
     HAS_STAYED,

@@ -15,7 +15,7 @@ from drl_av.simulation.population import (
     require_speed_limit,
     require_truck_width,
 )
-from drl_av.simulation.vehicle_calls import LEFT_TO_SUMO
+from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import activate, mark_present
 from drl_av.twin.following import STEP_S
 from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted

@@ -25,7 +25,7 @@ from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, road_numbers
-from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
 from drl_av.road.vehicle_types import VehicleTypes
 from drl_av.simulation.population import DriverModel
 
@@ -101,20 +101,17 @@ class TrafficDrivers:
         braking = np.flatnonzero(driver_models == DriverModel.HARD_BRAKING)
         self._hard_braking = HardBraking(seed, braking, self._config) if len(braking) else None
 
-    def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """Return one command for each vehicle that SUMO does not drive.
-
-        The commands hold until the next decision.
-        """
+    def __call__(self, snapshot: Snapshot) -> TrafficCommands:
+        """Return the commands of all vehicles that SUMO does not drive, until the next decision."""
         rows = self._rows
         if not len(rows):
-            return []
+            return NO_COMMANDS
         if self._hard_braking is not None:
             self._hard_braking(self._memory[1])
         of_vehicles = *self._of_each, *self._memory, *self._found
         decide.fast(*snapshot.arrays, self._numbers, rows, *of_vehicles)
-        acceleration_m_s2, side = (each[rows].tolist() for each in self._found)
-        return [*map(TrafficCommand, rows.tolist(), acceleration_m_s2, side)]
+        acceleration_m_s2, side = self._found
+        return TrafficCommands(rows, acceleration_m_s2[rows], side[rows])
 
 
 @compiled
