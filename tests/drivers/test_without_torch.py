@@ -3,6 +3,7 @@
 import subprocess
 from pathlib import Path
 
+import pytest
 from programs import python
 
 WITHOUT_TORCH = """
@@ -41,10 +42,14 @@ def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None
     assert film.stat().st_size > 0
 
 
-def test_learning_is_what_needs_torch(tmp_path: Path) -> None:
-    done = without_torch("train", "--out", str(tmp_path / "run"), "--episodes", "1")
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [(["--episodes", "1"], "needs PyTorch"), (["--preset", "large"], "at scale needs sb3-contrib")],
+)
+def test_learning_is_what_needs_torch(words: list[str], what: str, tmp_path: Path) -> None:
+    done = without_torch("train", "--out", str(tmp_path / "run"), *words)
     assert done.returncode == 1
     assert " ".join(done.stderr.split()) == (
-        "drl-av: Training needs PyTorch, which is not installed: pip install 'drl-av[train]'."
+        f"drl-av: Training {what}, which is not installed: pip install 'drl-av[train]'."
     )
     assert not (tmp_path / "run").exists()
