@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 from programs import python
 
-WITHOUT_TORCH = """
+WITHOUT = """
 import sys
-class WithoutTorch:
+hidden = sys.argv.pop(1)
+class Without:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "torch":
-            raise ModuleNotFoundError("No module named 'torch'", name="torch")
-sys.meta_path.insert(0, WithoutTorch())
+        if name.partition(".")[0] == hidden:
+            raise ModuleNotFoundError(f"No module named {hidden!r}", name=hidden)
+sys.meta_path.insert(0, Without())
 from drl_av.cli import main
 sys.exit(main(sys.argv[1:]))
 """
@@ -25,7 +26,7 @@ level_1_share = 1.0
 
 
 def without_torch(*words: str) -> subprocess.CompletedProcess[str]:
-    return python("-c", WITHOUT_TORCH, *words)
+    return python("-c", WITHOUT, "torch", *words)
 
 
 def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None:
@@ -43,11 +44,14 @@ def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("words", "what"),
-    [(["--episodes", "1"], "needs PyTorch"), (["--preset", "large"], "at scale needs sb3-contrib")],
+    ("hidden", "preset", "what"),
+    [("torch", "fast", "needs PyTorch"), ("sb3_contrib", "large", "at scale needs sb3-contrib")],
 )
-def test_learning_is_what_needs_torch(words: list[str], what: str, tmp_path: Path) -> None:
-    done = without_torch("train", "--out", str(tmp_path / "run"), *words)
+def test_learning_is_what_needs_torch_and_at_scale_sb3_contrib(
+    hidden: str, preset: str, what: str, tmp_path: Path
+) -> None:
+    words = ["train", "--out", str(tmp_path / "run"), "--preset", preset]
+    done = python("-c", WITHOUT, hidden, *words)
     assert done.returncode == 1
     assert " ".join(done.stderr.split()) == (
         f"drl-av: Training {what}, which is not installed: pip install 'drl-av[train]'."
