@@ -20,6 +20,7 @@ from drl_av.driving.scene import LaneChange, Scene, infer_action
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
+    COMPLETE,
     RouteOutcome,
     drawn_traffic,
     most_decisions,
@@ -188,7 +189,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         vehicles = number_of_vehicles(
             given, self.seed, traffic, fleet.placed, fleet.default_vehicle_count
         )
-        self.decisions = 0
+        self.decisions = self._triggers = 0
+        self._speed_sum_m_s = 0.0
         self.ego_model = None
         snapshot = self.simulation.reset(self.seed, vehicles)
         self.traffic_drivers.start(
@@ -232,7 +234,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             SimulationError: SUMO ended unexpectedly.
         """
         made = self.execute(action)
+        self._speed_sum_m_s += made.next_scene.affordances.ego_speed_m_s
+        self._triggers += made.triggered
+        over = made.truncated and not made.terminated
         info = self._info(made.route_outcome) | {
+            "is_success": over and made.route_outcome in ("", *COMPLETE),
+            "mean_speed_m_s": self._speed_sum_m_s / self.decisions,
+            "ego_hit": made.collision is not None and made.collision.kind.ego_hit,
+            "safety_triggers": self._triggers,
             "proposed_action": made.proposed.number,
             "executed_action": made.executed.number,
             "rule": str(made.rule),

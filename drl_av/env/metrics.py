@@ -13,6 +13,14 @@ from drl_av.files import PossiblyInfinite
 from drl_av.road.snapshot import Collision
 from drl_av.safety.paper import closing_speed, time_to_collision
 
+CHANGE_M_S = 0.3
+"""A larger change of speed in a decision counts as accelerating or braking."""
+SHORT_HEADWAY_S = 1.0
+CRAWLING_M_S = 5.0
+"""At this speed and below, a headway does not count as short."""
+FORCED_M_S2 = 2.0
+"""During a lane change of the ego, harder braking of the vehicle behind it counts as forced."""
+
 
 @dataclass(frozen=True)
 class EpisodeResult:

@@ -11,7 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.metrics import (
+    CHANGE_M_S,
+    CRAWLING_M_S,
+    FORCED_M_S2,
+    SHORT_HEADWAY_S,
+    EpisodeMetrics,
+    EpisodeResult,
+)
 from drl_av.env.transition import Transition
 from drl_av.evaluation.statistics import grouped
 from drl_av.files import PossiblyInfinite
@@ -109,13 +116,6 @@ def post_encroachment_time(first: Track, second: Track, lap_m: float) -> float:
 
 CRITICAL_TTC_S = 3.0
 """A time to collision of at most this adds to TET and TIT (default of SUMO's SSM device)."""
-CHANGE_M_S = 0.3
-"""A larger change of speed in a decision counts as accelerating or braking."""
-SHORT_HEADWAY_S = 1.0
-CRAWLING_M_S = 5.0
-"""At this speed and below, a headway does not count as short."""
-FORCED_M_S2 = 2.0
-"""During a lane change of the ego, harder braking of the vehicle behind it counts as forced."""
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
 from drl_av.driving.wide_observation import MOST, WIDE_SIZE, wide_observation
+from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
 from drl_av.env.twin_episodes import Episodes, Task
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.evaluation.criticality import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
 from drl_av.twin.worlds import COUNT, IntArray
 
 Float32Array = npt.NDArray[np.float32]
@@ -73,7 +73,7 @@ class Part:
     def __init__(self, rows: slice, config: Config, seed: int) -> None:
         self.rows, self._costs = rows, config.ppo
         self.env = TwinVectorEnv(
-            rows.stop - rows.start, config=config, autoreset_mode=AutoresetMode.DISABLED
+            rows.stop - rows.start, config=config, autoreset_mode=AutoresetMode.DISABLED, threads=2
         )
         self.env.reset(seed=seed + rows.start)
         self._trend = np.zeros(self.env.num_envs, np.int64)

@@ -71,7 +71,7 @@ def test_one_that_brakes_hard_keeps_its_lane() -> None:
         config = Config().updated("traffic", hard_braking_share=1.0, hard_brakes_per_s=per_s)
         drivers = TrafficDrivers(config, ROAD, VEHICLE_TYPES)
         drivers.start(models, np.array([30.0, 30.0]), 0)
-        ((row, acceleration, side),) = drivers(shot)
+        ((row, acceleration, side),) = zip(*drivers(shot), strict=True)
         assert (row, side) == command
         assert (acceleration == -4.0) is (side == 0)
 
