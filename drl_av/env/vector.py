@@ -101,7 +101,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     def _make_worlds(self, count: int, mode: AutoresetMode) -> None:
         """Make what there is once a world, besides the arrays."""
-        self.num_envs, self._autoreset = count, mode
+        self.num_envs, self.autoreset_mode = count, mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         batch = gymnasium.vector.utils.batch_space
         self.observation_space = batch(self.single_observation_space, count)
@@ -171,7 +171,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         proposed = self._proposed(actions)
         begins = self._over.copy()
         if begins.any() and not self._is_fork:
-            if self._autoreset == AutoresetMode.DISABLED:
+            if self.autoreset_mode == AutoresetMode.DISABLED:
                 raise gymnasium.error.ResetNeeded(
                     "An episode is over: call reset with the option reset_mask."
                 )
@@ -191,7 +191,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         info = self._info(np.ones(self.num_envs, np.bool_))
         info |= self._outcome(~begins, proposed, executed, rules)
         observations = self.episodes.observation.copy()
-        if self._autoreset == AutoresetMode.SAME_STEP and self._over.any():
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
             observations = self._restart(observations, info)
         return observations, rewards, terminated, truncated, info
 
