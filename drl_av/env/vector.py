@@ -40,6 +40,7 @@ Observations = npt.NDArray[np.float32]
 RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
 COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
 """By number; -1, no collision, is the last."""
+EGO_HITS = np.array([*(kind.ego_hit for kind in KINDS), False])
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
 
@@ -314,7 +315,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             self._set_events(row, one.events)
         episodes = self.episodes
         episodes.lanes[rows] = self.worlds.z[rows, LANE, :1]
-        episodes.heading_rad[rows], episodes.decisions[rows] = 0.0, 0
+        episodes.heading_rad[rows], episodes.decisions[rows], episodes.sums[rows] = 0.0, 0, 0.0
         episodes.collision[rows] = NO_CONTACT, 0
         self._over[rows] = False
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
@@ -381,7 +382,12 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             names[row] = f"vehicle{other[row]}"
         r_v, r_y, r_x = self.episodes.terms.T.copy()
         marks = {f"_{name}": present.copy() for name in ("r_v", "r_y", "r_x")}
+        speed_sum, triggers = self.episodes.sums.T.copy()
         info: dict[str, Any] = {
+            "is_success": self._over & ~hits,
+            "mean_speed_m_s": speed_sum / np.maximum(self.episodes.decisions, 1),
+            "ego_hit": EGO_HITS[kind],
+            "safety_triggers": triggers.astype(np.int64),
             "proposed_action": proposed,
             "executed_action": executed,
             "rule": RULE_WORDS[rules],
