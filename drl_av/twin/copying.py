@@ -11,7 +11,7 @@ from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.population import Population
 from drl_av.twin.lane_change import change_lane
 from drl_av.twin.lane_speeds import needs_thought
-from drl_av.twin.neighbors import shadow_lane
+from drl_av.twin.neighbors import link, shadow_lane
 from drl_av.twin.traffic import place_vehicles, sort_and_activate
 from drl_av.twin.worlds import (
     ADVICE_M_S,
@@ -97,3 +97,4 @@ def advise_all(world: World, loop: Loop) -> None:
             kept = x[ADVICE_M_S, row]
             x[:, row], z[:, row] = reals, wholes
             x[ADVICE_M_S, row] = kept
+            link(world, loop)

@@ -5,7 +5,7 @@ import math
 from drl_av.compiled import borrowing
 from drl_av.twin.active_lanes import (
     activate,
-    mark_present,
+    strips_with_vehicles,
 )
 from drl_av.twin.flags import (
     BLOCKED,
@@ -54,6 +54,7 @@ from drl_av.twin.lateral_room import (
 )
 from drl_av.twin.neighbors import (
     follower,
+    link,
     shadow_lane,
 )
 from drl_av.twin.worlds import (
@@ -114,8 +115,7 @@ def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
             elif world.z[PREVIOUS_STATE, i] != SUBLANE | STAY:
                 settle(world, i)
     if near[HAS_CHANGED]:
-        mark_present(world, loop)
-        activate(world, loop)
+        activate(world, strips_with_vehicles(world, loop))
 
 
 @borrowing
@@ -141,7 +141,10 @@ def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
     world.z[LANE, i], world.x[ASIDE_M, i] = lane, aside_m
     other = shadow_lane(aside_m, world.x[WIDTH_M, i], lane, loop)
     world.z[SHADOW, i] = other
-    world.z[MASK, i] = 1 << lane | (1 << other if other >= 0 else 0)
+    mask = 1 << lane | (1 << other if other >= 0 else 0)
+    if mask != world.z[MASK, i]:
+        world.z[MASK, i] = mask
+        link(world, loop)
     return entered
 
 
@@ -231,6 +234,7 @@ def reserve(world: World, loop: Loop, i: int) -> None:
     lane = world.z[LANE, i] + side
     if side and 0 <= lane < loop.lanes and lane != world.z[SHADOW, i]:
         world.z[RESERVED, i] = lane
+        link(world, loop)
 
 
 @borrowing

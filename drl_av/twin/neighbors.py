@@ -5,6 +5,7 @@ import math
 from drl_av.compiled import borrowing
 from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
 from drl_av.twin.worlds import (
+    AHEAD,
     COUNT,
     EDGE,
     FRONT_M,
@@ -12,6 +13,7 @@ from drl_av.twin.worlds import (
     LENGTH_M,
     MASK,
     ORDER,
+    RESERVED,
     SPEED_M_S,
     Loop,
     World,
@@ -21,6 +23,8 @@ EDGES = 4
 """Edges of each loop."""
 SEEN_BEHIND_M = 200.0
 """Distance in which SUMO looks for followers: stopping from the speed limit of 40 m/s."""
+LONGEST_M = 25.0
+"""Length of the longest vehicle."""
 
 
 @borrowing
@@ -34,6 +38,40 @@ def insert_sorted(world: World) -> None:
             world.z[ORDER, m + 1] = world.z[ORDER, m]
             m -= 1
         world.z[ORDER, m + 1] = i
+
+
+@borrowing
+def link(world: World, loop: Loop) -> None:
+    """Note the next vehicle ahead of each one in each lane, as places in ``ORDER``."""
+    z, n = world.z, world.near[COUNT]
+    for lane in range(loop.lanes):
+        last = -1
+        for _ in range(2):  # first to find the rearmost one, which is ahead of the foremost
+            for k in range(n):
+                z[AHEAD + lane, k] = last
+                i = z[ORDER, k]
+                if z[MASK, i] >> lane & 1 or z[RESERVED, i] == lane:
+                    last = k
+
+
+@borrowing
+def leader(world: World, loop: Loop, k: int, lane: int, seen_m: float) -> tuple[int, float]:
+    """Return the next vehicle ahead in a lane that is seen, and the distance to its rear, or -1."""
+    x, z = world.x, world.z
+    at_m, wrapped_m, m = x[FRONT_M, z[ORDER, k]], 0.0, k
+    while True:
+        place, m = m, z[AHEAD + lane, m]
+        if m < 0:
+            return -1, math.inf
+        if m >= place:
+            wrapped_m += loop.lap_m
+        j = z[ORDER, m]
+        ahead_m = x[FRONT_M, j] - at_m + wrapped_m
+        rear_m = ahead_m - x[LENGTH_M, j]
+        if ahead_m >= loop.lap_m or rear_m >= seen_m + LONGEST_M:
+            return -1, math.inf
+        if rear_m < seen_m and z[MASK, j] >> lane & 1:
+            return j, rear_m
 
 
 @borrowing

@@ -15,9 +15,9 @@ from drl_av.simulation.population import (
     require_speed_limit,
     require_truck_width,
 )
-from drl_av.twin.active_lanes import activate, mark_present
+from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import STEP_S
-from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted
+from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted, link
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
@@ -171,5 +171,5 @@ def sort_and_activate(world: World, loop: Loop) -> None:
     for i in range(world.near[COUNT]):
         world.z[EDGE, i] = edge_of(world.x[FRONT_M, i], loop)
     insert_sorted(world)
-    mark_present(world, loop)
-    activate(world, loop)
+    link(world, loop)
+    activate(world, strips_with_vehicles(world, loop))

@@ -64,7 +64,8 @@ left of the lane change in progress, ``COMMANDED_M`` the same of one that was re
     TRACKED,
     TRACKED_LEFT,
     EDGE,
-) = range(14)
+    AHEAD,
+) = range(15)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
@@ -74,7 +75,9 @@ step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of ``flags`
 if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first. ``MASK``
 has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
 expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
-same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
+same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper. The
+rows from ``AHEAD`` on, one a lane, have a column for each place in ``ORDER``: the place of the next
+vehicle ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``).
 """
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
@@ -82,9 +85,8 @@ COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
 the length of SUMO's list of the strips with vehicles (``active_lanes``); and 1 if a vehicle has
 changed lanes in this step."""
 ACTIVE = 20
-"""First entry of ``near`` with that list; ``MARKS``: the first with a mark of each strip."""
+"""First entry of ``near`` with that list."""
 MOST_STRIPS = 40
-MARKS = ACTIVE + MOST_STRIPS
 
 
 class World(NamedTuple):
@@ -97,7 +99,7 @@ class World(NamedTuple):
     notes: FloatArray
     """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
     near: IntArray
-    """The vehicles around that vehicle, and counts of the world, shape (100,)."""
+    """The vehicles around that vehicle, and counts of the world, shape (60,)."""
 
 
 class Worlds(NamedTuple):
@@ -133,7 +135,7 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
     return Worlds(
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
-        z=np.zeros((worlds, EDGE + 1, vehicles), dtype=np.int64),
+        z=np.zeros((worlds, AHEAD + lanes, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
-        near=np.zeros((worlds, MARKS + MOST_STRIPS), dtype=np.int64),
+        near=np.zeros((worlds, ACTIVE + MOST_STRIPS), dtype=np.int64),
     )
