@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.config import ObservationConfig
 from drl_av.road.road import (
     LANE_CHANGE_S,
@@ -16,6 +16,7 @@ from drl_av.road.road import (
     Road,
     SpeedLimit,
     allowed_speed,
+    around,
 )
 from drl_av.road.road_numbers import (
     RoadNumbers,
@@ -208,7 +209,7 @@ NOBODY = -1
 """The row of a neighbour that is not there."""
 
 
-@compiled
+@borrowing
 def indicators(
     s_m: FloatArray,
     y_m: FloatArray,
@@ -239,7 +240,7 @@ def indicators(
     for row in range(vehicles):
         if row == viewer:
             continue
-        ahead_m = (s_m[row] - own_s_m + half_lap_m) % lap_m - half_lap_m
+        ahead_m = around(s_m[row] - own_s_m + half_lap_m, lap_m) - half_lap_m
         behind = 0
         if ahead_m < 0.0:
             ahead_m, behind = -ahead_m, 1

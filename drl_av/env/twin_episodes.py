@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing, inlined
 from drl_av.driving.actions import EgoNumbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
 from drl_av.driving.maneuver import plan_into
@@ -117,7 +117,7 @@ def empty_episodes(worlds: int, vehicles: int, steps: int, changes: int) -> Epis
     )
 
 
-@compiled
+@borrowing
 def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> None:
     """Compute the first scene of the worlds ``rows``, in which an episode begins."""
     for w in rows:
@@ -132,7 +132,7 @@ def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> 
         look(episodes, task, w, world.near[COUNT])
 
 
-@compiled
+@borrowing
 def decide_all(
     worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray, actions: IntArray
 ) -> None:
@@ -142,7 +142,7 @@ def decide_all(
         decide(world, episodes, task, w, actions[w])
 
 
-@compiled
+@borrowing
 def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
     n, loop, scene, plan = world.near[COUNT], task.loop, episodes.scene[w], episodes.plan[w]
@@ -191,7 +191,7 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     look(episodes, task, w, n)
 
 
-@compiled
+@borrowing
 def request_changes(world: World, episodes: Episodes, w: int) -> None:
     """Request the random lane changes of the present decision."""
     number, last = episodes.next_change[w, 0], episodes.next_change[w, 1]
@@ -205,7 +205,7 @@ def request_changes(world: World, episodes: Episodes, w: int) -> None:
     episodes.next_change[w, 0] = number
 
 
-@compiled
+@inlined
 def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
     """Write the state of all vehicles as the arrays of a snapshot, shape (6, vehicles)."""
     for i in range(world.near[COUNT]):
@@ -218,7 +218,7 @@ def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
         scene[5, i] = world.x[WIDTH_M, i]
 
 
-@compiled
+@borrowing
 def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     """Compute indicators, observation, reward terms and verdicts of the present scene."""
     scene, values, codes = episodes.scene[w], episodes.values[w], episodes.codes[w]

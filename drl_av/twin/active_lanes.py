@@ -5,7 +5,7 @@ list when a vehicle enters it empty, and takes it off when it is empty after a s
 are whole numbers with a bit for each.
 """
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import inlined
 from drl_av.twin.worlds import (
     ACTIVE,
     ACTIVE_COUNT,
@@ -17,13 +17,13 @@ from drl_av.twin.worlds import (
 )
 
 
-@borrowing
+@inlined
 def strip_of(world: World, loop: Loop, i: int) -> int:
     """Return the strip on which the front of a vehicle is."""
     return int(world.z[EDGE, i] * loop.lanes + world.z[LANE, i])
 
 
-@borrowing
+@inlined
 def strips_with_vehicles(world: World, loop: Loop) -> int:
     """Return the set of the strips on which vehicles are now."""
     strips = 0
@@ -32,7 +32,7 @@ def strips_with_vehicles(world: World, loop: Loop) -> int:
     return strips
 
 
-@borrowing
+@inlined
 def keep_active(world: World, strips: int) -> None:
     """Take all other strips off the list."""
     near, kept = world.near, 0
@@ -44,7 +44,7 @@ def keep_active(world: World, strips: int) -> None:
     near[ACTIVE_COUNT] = kept
 
 
-@borrowing
+@inlined
 def activate(world: World, strips: int) -> None:
     """Put those strips in front of the list that are not on it, in the order of their numbers."""
     near = world.near

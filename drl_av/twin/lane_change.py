@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.active_lanes import (
     activate,
     strips_with_vehicles,
@@ -118,7 +118,7 @@ def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
         activate(world, strips_with_vehicles(world, loop))
 
 
-@borrowing
+@inlined
 def place_ego(world: World, loop: Loop, y_m: float) -> None:
     """Move the ego sideways to ``y_m``."""
     was_m = world.z[LANE, 0] * loop.lane_m + world.x[ASIDE_M, 0]
@@ -148,7 +148,7 @@ def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
     return entered
 
 
-@borrowing
+@inlined
 def settle(world: World, i: int) -> None:
     """Note that a vehicle stays at the centre of its lane."""
     world.z[STATE, i] = SUBLANE | STAY
@@ -218,7 +218,7 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
         world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i]
 
 
-@borrowing
+@inlined
 def reserve(world: World, loop: Loop, i: int) -> None:
     """Note the lane that the rest of the maneuver leads into, if the body is not there yet."""
     world.z[RESERVED, i] = -1
@@ -253,7 +253,7 @@ def considered(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple
     return state, world.notes[MOVE], world.notes[MANEUVER]
 
 
-@borrowing
+@inlined
 def reason(state: int) -> int:
     """Return the strongest reason in a state; a smaller number is stronger."""
     for flag in (STRATEGIC, COOPERATIVE, SPEED_GAIN, KEEP_RIGHT, REQUESTED):
@@ -262,7 +262,7 @@ def reason(state: int) -> int:
     return state & SUBLANE
 
 
-@borrowing
+@inlined
 def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two_side: int) -> bool:
     """Return whether SUMO prefers the second of two considerations."""
     if one == 0:

@@ -6,7 +6,7 @@ distance of the whole maneuver; the two are in ``notes``.
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import (
     CONGESTED_M_S,
     inform_follower,
@@ -292,7 +292,7 @@ def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) ->
     return state | blocked
 
 
-@borrowing
+@inlined
 def limit_move(world: World, i: int) -> None:
     """Limit the move in ``notes`` to one step, and its maneuver to the lateral room."""
     notes = world.notes

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import (
     CONGESTED_M_S,
     HELP_M_S,
@@ -79,7 +79,7 @@ TRACK_STEPS = 8
 """Steps between two updates of expected speeds that do not matter now."""
 
 
-@borrowing
+@inlined
 def is_open(loop: Loop, lane: int) -> bool:
     """Return whether the lane exists and is open."""
     return loop.first_open <= lane <= loop.last_open
@@ -105,7 +105,7 @@ def look_around(world: World, loop: Loop, k: int) -> None:
         expect(world, i, lane, promised_speed(world, i, j, gap_m))
 
 
-@borrowing
+@inlined
 def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
     """Return the speed that a lane promises to the vehicle ``i``, with ``j`` ahead in it or -1."""
     x = world.x
@@ -125,7 +125,7 @@ def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
     return min(desired, promised)
 
 
-@borrowing
+@inlined
 def expect(world: World, i: int, lane: int, promised: float) -> None:
     """Adapt the expected speed of a lane to the promised one, since the last time."""
     last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
@@ -160,7 +160,7 @@ def track(world: World, loop: Loop, k: int) -> None:
         x[GAIN_LEFT, i] += STEP_S * steps * gain
 
 
-@borrowing
+@inlined
 def rests_aside(world: World, loop: Loop, k: int) -> bool:
     """Return whether the ``k``-th vehicle stays right of its centre in any case, with none beside.
 
@@ -179,7 +179,7 @@ def rests_aside(world: World, loop: Loop, k: int) -> bool:
     return bool(ahead_m - x[LENGTH_M, ahead] > MIN_GAP_M and behind_m - x[LENGTH_M, i] > MIN_GAP_M)
 
 
-@borrowing
+@inlined
 def needs_thought(world: World, loop: Loop, k: int) -> bool:
     """Return whether the ``k``-th vehicle may move sideways now; if not, do what else it does.
 
@@ -228,7 +228,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     return False
 
 
-@borrowing
+@inlined
 def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
     """Advise a driver not to pass the vehicle ``j`` ahead in the left lane on its right."""
     x = world.x

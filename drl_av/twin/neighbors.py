@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
 from drl_av.twin.worlds import (
     AHEAD,
@@ -27,7 +27,7 @@ LONGEST_M = 25.0
 """Length of the longest vehicle."""
 
 
-@borrowing
+@inlined
 def insert_sorted(world: World) -> None:
     """Sort the vehicles of a world by front position, the foremost first."""
     for k in range(1, world.near[COUNT]):
@@ -40,7 +40,7 @@ def insert_sorted(world: World) -> None:
         world.z[ORDER, m + 1] = i
 
 
-@borrowing
+@inlined
 def link(world: World, loop: Loop) -> None:
     """Note the next vehicle ahead of each one in each lane, as places in ``ORDER``."""
     z, n = world.z, world.near[COUNT]
@@ -54,7 +54,7 @@ def link(world: World, loop: Loop) -> None:
                     last = k
 
 
-@borrowing
+@inlined
 def leader(world: World, loop: Loop, k: int, lane: int, seen_m: float) -> tuple[int, float]:
     """Return the next vehicle ahead in a lane that is seen, and the distance to its rear, or -1."""
     x, z = world.x, world.z
@@ -74,13 +74,13 @@ def leader(world: World, loop: Loop, k: int, lane: int, seen_m: float) -> tuple[
             return j, rear_m
 
 
-@borrowing
+@inlined
 def edge_of(at_m: float, loop: Loop) -> int:
     """Return the number of the SUMO edge at a position along the road."""
     return min(int(at_m * loop.edges_per_m), EDGES - 1)
 
 
-@borrowing
+@inlined
 def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
     """Return the second lane that a body overlaps, or -1."""
     if abs(aside_m) + 0.5 * width_m - 0.5 * loop.lane_m <= 0.001:
@@ -89,7 +89,7 @@ def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
     return other if 0 <= other < loop.lanes else -1
 
 
-@borrowing
+@inlined
 def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> float:
     """Return how far a driver sees ahead for a lane change; ``rest_m`` is left of its edge."""
     distance_m = max(brake_gap(speed, BRAKING_M_S2, headway_s), 10.0) + MIN_GAP_M

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.active_lanes import (
     activate,
     keep_active,
@@ -78,7 +78,7 @@ def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) ->
     world.near[STEP] += 1
 
 
-@borrowing
+@inlined
 def next_speed(world: World, loop: Loop, k: int) -> float:
     """Return the speed of the ``k``-th vehicle after the step, by IDM and the advice it got."""
     i = world.z[ORDER, k]
@@ -111,7 +111,7 @@ def next_speed(world: World, loop: Loop, k: int) -> float:
     return planned
 
 
-@borrowing
+@inlined
 def speed_behind(
     world: World,
     loop: Loop,
@@ -159,7 +159,7 @@ def speed_behind(
     return result
 
 
-@borrowing
+@inlined
 def move(world: World, loop: Loop) -> None:
     """Move all vehicles along the road, and forget what was agreed for this step only."""
     stayed, present = 0, 0
