@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
+from functools import lru_cache
 from operator import attrgetter
 
 import numpy as np
@@ -141,7 +142,8 @@ def draw_population(
             f"its {pluralize(sum(road.open_lanes), 'open lane')}, not for {vehicles}: ask for fewer"
             " or make the loop longer."
         )
-    streams = rng.spawn(2)
+    is_mixed = traffic.truck_share > 0 or any(traffic.unusual_shares)
+    streams = rng.spawn(2) if is_mixed else (rng, rng)  # else nobody draws from them
     is_truck = draw_trucks(streams[1], n, traffic)
     lane = random_lanes(rng, n, road, room, traffic.lane_evenness)
     pitch_m = pitches_m(is_truck, length_m, traffic)
@@ -162,6 +164,8 @@ def pitches_m(
 
 def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:
     """Draw which of ``n`` vehicles are trucks, shape (n,); row 0, the ego, is always False."""
+    if not traffic.truck_share:
+        return np.zeros(n, dtype=np.bool_)
     is_truck = rng.random(n) < traffic.truck_share
     is_truck[0] = False
     return is_truck
@@ -186,12 +190,13 @@ def with_drivers(
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
     acceleration = rng.uniform(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n)
     speed_gain = rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n)
-    truck_speeds = trucks.uniform(traffic.truck_speed_min_m_s, traffic.truck_speed_max_m_s, n)
-    desired[is_truck] = truck_speeds[is_truck]
-    acceleration[is_truck] = traffic.truck_acceleration_m_s2
+    if traffic.truck_share:
+        truck_speeds = trucks.uniform(traffic.truck_speed_min_m_s, traffic.truck_speed_max_m_s, n)
+        desired[is_truck] = truck_speeds[is_truck]
+        acceleration[is_truck] = traffic.truck_acceleration_m_s2
     _make_some_unusual(unusual, desired, speed_gain, traffic)
     return Population(
-        ids=(EGO_ID, *(f"vehicle{i}" for i in range(1, n))),
+        ids=_vehicle_ids(n),
         lane=places.lane,
         front_m=places.front_m,
         speed_m_s=safe_speeds(desired, headway, places.gap_m, places.leader),
@@ -203,6 +208,11 @@ def with_drivers(
     )
 
 
+@lru_cache
+def _vehicle_ids(n: int) -> tuple[str, ...]:
+    return EGO_ID, *(f"vehicle{i}" for i in range(1, n))
+
+
 def _make_some_unusual(
     rng: np.random.Generator,
     desired_m_s: FloatArray,
@@ -210,6 +220,8 @@ def _make_some_unusual(
     traffic: TrafficConfig,
 ) -> None:
     """Make some vehicles besides the ego stand, crawl or overtake fast, in place."""
+    if not any(traffic.unusual_shares):
+        return
     draws, places = rng.random((2, len(desired_m_s)))
     which = np.searchsorted(np.cumsum(traffic.unusual_shares), draws, side="right")
     which[0] = len(traffic.unusual_shares)

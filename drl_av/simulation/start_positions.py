@@ -37,14 +37,20 @@ def random_lanes(
     open_lanes = np.flatnonzero(road.open_lanes)
     berths = np.full(len(open_lanes), room // len(open_lanes))
     shares = rng.dirichlet(np.full(len(open_lanes), evenness))
-    chosen = np.empty(n, dtype=np.intp)
-    for row in range(n):
+    draws, chosen, row = rng.random(n), np.empty(n, dtype=np.intp), 0
+    while row < n:  # first for the ego, then until a lane is full
         chances = np.where(berths > 0, shares if row else 1.0, 0.0)
         if not chances.any():
             chances = (berths > 0).astype(float)
         limits = (chances / chances.sum()).cumsum()  # as rng.choice does, without its checks
-        chosen[row] = (limits / limits[-1]).searchsorted(rng.random(), side="right")
-        berths[chosen[row]] -= 1
+        wanted = (limits / limits[-1]).searchsorted(draws[row : n if row else 1], side="right")
+        for place, left in enumerate(berths):
+            fills = np.flatnonzero(wanted == place)
+            if 0 < left <= len(fills):
+                wanted = wanted[: fills[left - 1] + 1]
+        chosen[row : row + len(wanted)] = wanted
+        berths -= np.bincount(wanted, minlength=len(berths))
+        row += len(wanted)
     return open_lanes[chosen]
 
 
@@ -66,8 +72,8 @@ def ring_places(
         spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m[members].sum())
         ends = np.cumsum(spare_m + pitch_m[members])
         front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
-        leader[members] = np.roll(members, -1)
-        gap_m[members] = np.roll(spare_m, -1) + start_gap_m
+        leader[members] = np.concatenate((members[1:], members[:1]))
+        gap_m[members] = np.concatenate((spare_m[1:], spare_m[:1])) + start_gap_m
     return StartPositions(lane, front_m, gap_m, leader)
 
 
@@ -84,7 +90,7 @@ def safe_speeds(
     for _ in range(len(speed)):
         reach = np.sqrt(speed[leader] ** 2 + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
         slower = np.minimum(speed, reach)
-        if np.array_equal(slower, speed):
+        if (slower == speed).all():
             break
         speed = slower
     return speed

@@ -126,10 +126,11 @@ def draw_traffic(
     chance = traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
     found = []
     for first in range(0, decisions, DECISIONS_AT_ONCE):
-        draws = rng.random((DECISIONS_AT_ONCE, 2, vehicles + 1))
-        decision, row = np.nonzero(draws[:, 0] < chance)
+        draws = rng.random((min(DECISIONS_AT_ONCE, decisions - first), 2, vehicles + 1))
+        below = np.unravel_index(np.flatnonzero(draws < chance), draws.shape)
+        decision, _, row = (where[(below[1] == 0) & (below[2] != 0)] for where in below)
         side = np.where(draws[decision, 1, row] < 0.5, 1, -1)
-        found.append(np.stack((decision + first, row, side), axis=1)[row != 0])
+        found.append(np.stack((decision + first, row, side), axis=1))
     return population, np.concatenate(found).astype(np.int64)
 
 
