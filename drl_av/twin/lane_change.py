@@ -89,7 +89,7 @@ from drl_av.twin.worlds import (
 )
 
 
-@borrowing
+@inlined
 def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
     """Let the vehicles change lanes one after the other: edge by edge, on each the foremost first.
 
@@ -159,7 +159,7 @@ def settle(world: World, i: int) -> None:
     world.x[LATERAL_SPEED_M_S, i] = 0.0
 
 
-@borrowing
+@inlined
 def change_lane(world: World, loop: Loop, k: int) -> None:
     """Let the ``k``-th vehicle decide on its lane, and move it sideways."""
     i = world.z[ORDER, k]

@@ -87,7 +87,7 @@ from drl_av.twin.worlds import (
 LOSS = -0.1
 
 
-@borrowing
+@inlined
 def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
     """Return the state after considering a side; the move and maneuver go to ``notes``."""
     notes, near = world.notes, world.near
@@ -180,7 +180,7 @@ def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
     return blocked
 
 
-@borrowing
+@inlined
 def align(
     world: World,
     loop: Loop,
@@ -220,7 +220,7 @@ def align(
     return wanted & ~SUBLANE
 
 
-@borrowing
+@inlined
 def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) -> int:
     """Return the state after keeping a lateral gap to vehicles beside, and a begun request."""
     notes, near, own = world.notes, world.near, world.z[LANE, i]

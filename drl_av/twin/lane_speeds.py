@@ -242,7 +242,7 @@ def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
             x[GAIN_RIGHT, i] += STEP_S * x[THRESHOLD_LEFT, i] / 3
 
 
-@borrowing
+@inlined
 def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple[float, float]:
     """Update the gains of speed to each side; return the best lateral move, and the own speed.
 
@@ -296,7 +296,7 @@ def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tupl
     return move_m, stays
 
 
-@borrowing
+@inlined
 def speed_gain_of(world: World, loop: Loop, i: int, move_m: float, stays: float) -> float:
     """Return the expected change of the speed after a lateral move."""
     result = math.inf

@@ -130,7 +130,7 @@ def is_related(world: World, j: int) -> bool:
     return found
 
 
-@borrowing
+@inlined
 def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) -> None:
     """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
     if j < 0 or gap_m < 0 or is_related(world, j):

@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.compiled import borrowing, inlined
+from drl_av.compiled import inlined
 from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
 from drl_av.twin.worlds import (
     AHEAD,
@@ -101,7 +101,7 @@ def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> flo
     return seen_m
 
 
-@borrowing
+@inlined
 def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
     n = world.near[COUNT]
