@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-smooth pretrained-paper level_1 results clean
+.PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -57,12 +57,6 @@ pretrained: setup
 	$(BIN)/drl-av train --config drl_av/pretrained/config.toml --out runs/pretrained
 	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
 
-# The same with its margins (minutes); its networks are those of the shipped driver.
-pretrained-smooth: setup
-	$(BIN)/drl-av train --config drl_av/pretrained/smooth/config.toml --out runs/pretrained-smooth
-	cd runs/pretrained-smooth && cp config.toml evaluations.csv policy.safetensors \
-	    ../../drl_av/pretrained/smooth/
-
 # The driver by the paper's whole schedule, trained again (half an hour).
 pretrained-paper: setup
 	$(BIN)/drl-av train --preset paper --out runs/pretrained-paper
@@ -98,10 +92,9 @@ results: setup
 	$(call text,long_run_naturalistic.txt,-m verification.long_run --episodes 200 --traffic naturalistic --out runs/long_run_naturalistic.csv)
 	$(call text,long_run_hazards.txt,-m verification.long_run --episodes 100 --traffic hazards --out runs/long_run_hazards.csv)
 	$(call text,sumo_approaches.txt,-m verification.approaches)
-	$(call text,merge.txt,-m verification.ramps --kind merge --driver planner gap-mobil sumo)
-	$(call text,merge_planner.txt,-m verification.ramps --kind merge --driver planner --episodes 600 --seed 761000)
-	$(call text,exit.txt,-m verification.ramps --kind exit --driver planner gap-mobil sumo --episodes 60)
-	$(call text,ramp_to_ramp.txt,-m verification.ramps --kind ramp_to_ramp --driver planner gap-mobil sumo --episodes 30)
+	$(call text,merge.txt,-m verification.ramps --kind merge --driver gap-mobil sumo)
+	$(call text,exit.txt,-m verification.ramps --kind exit --driver gap-mobil sumo --episodes 60)
+	$(call text,ramp_to_ramp.txt,-m verification.ramps --kind ramp_to_ramp --driver gap-mobil sumo --episodes 30)
 	$(call text,merge_learned.txt,-m verification.ramps --kind merge --driver pretrained-merge --episodes 200)
 	$(call text,exit_learned.txt,-m verification.ramps --kind exit --driver pretrained-exit --episodes 600)
 	$(call text,ramp_to_ramp_learned.txt,-m verification.ramps --kind ramp_to_ramp --driver pretrained-ramp_to_ramp --episodes 200)

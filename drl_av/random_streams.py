@@ -14,6 +14,7 @@ class Stream(IntEnum):
     HARD_BRAKING = 4
     KIND_OF_TRAFFIC = 5
     OWN_VEHICLE_TYPES = 6
+    FORKS = 7
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

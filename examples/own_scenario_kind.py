@@ -22,11 +22,12 @@ from drl_av.scenarios.road_types import ROAD_TYPES
 
 @dataclass(frozen=True)
 class LaneDropDescription(OpenDescription):
-    """A highway whose right lane ends."""
+    """A highway whose right lane ends.
 
-    drop_m: float = setting(
-        800.0, "this example", "where the right lane ends, metres", low=600, high=9000
-    )
+    drop_m: where the right lane ends, metres (this example)
+    """
+
+    drop_m: float = setting(800.0, low=600, high=9000)
 
     def plan(self) -> OpenPlan:
         """Return the plan of the road: all lanes up to ``drop_m``, then all but the right one."""

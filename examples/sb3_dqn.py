@@ -6,21 +6,32 @@ python examples/sb3_dqn.py [STEPS]
 import sys
 
 from stable_baselines3 import DQN
-from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 import drl_av
 
 ID = "drl_av/Highway-v0"
+SCALARS = ("mean_speed_m_s", "ego_hit", "safety_triggers")
+
+
+class LogScalars(BaseCallback):
+    """Logs the scalars of the episodes that end as ``rollout/...``, beside the success rate."""
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            for name in SCALARS if "episode" in info else ():
+                self.logger.record_mean(f"rollout/{name}", info["episode"][name])
+        return True
 
 
 def main(steps: int = 20_000) -> None:
     """Train, evaluate twice on the way, save the agent, and drive it in the same traffic."""
-    training = make_vec_env(ID, seed=0)
+    training = make_vec_env(ID, seed=0, monitor_kwargs={"info_keywords": SCALARS})
     evaluation = make_vec_env(ID, seed=1)
-    callback = EvalCallback(evaluation, n_eval_episodes=2, eval_freq=steps // 2)
+    callbacks = [EvalCallback(evaluation, n_eval_episodes=2, eval_freq=steps // 2), LogScalars()]
     model = DQN("MlpPolicy", training, gamma=0.93, learning_rate=1e-3, seed=0, device="cpu")
-    model.learn(steps, callback=callback)
+    model.learn(steps, callback=callbacks)
     model.save("sb3_dqn.zip")
     training.close()
     evaluation.close()

@@ -10,9 +10,8 @@ import numpy as np
 from drl_av.config import Config, EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import compute_affordances
-from drl_av.driving.maneuver import next_lane_change, plan
+from drl_av.driving.maneuver import ROAD_CURVATURE_PER_M, curvature_command, next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.driving.steering import ROAD_CURVATURE_PER_M, curvature_command
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import Command, Snapshot

@@ -1,5 +1,8 @@
 """The tools that people already have, used the way their documentation shows."""
 
+import csv
+import json
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -92,6 +95,35 @@ def test_stable_baselines3_trains_beside_an_evaluation(name: str, tmp_path: Path
     assert found["timesteps"].tolist() == [30, 60]
     assert (found["ep_lengths"] <= DECISIONS).all()
     assert np.isfinite(found["results"]).all()
+
+
+def test_stable_baselines3_logs_the_success_rate_and_the_scalars_of_an_episode(
+    tmp_path: Path,
+) -> None:
+    from stable_baselines3 import DQN
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.logger import configure
+
+    example = runpy.run_path(str(ROOT / "examples" / "sb3_dqn.py"))
+    config = CONFIG.updated("safety", check="permit_all")
+    monitored = {"info_keywords": example["SCALARS"]}
+    made = {"env_kwargs": {"config": config}, "monitor_kwargs": monitored}
+    training = make_vec_env(ID, seed=0, monitor_dir=str(tmp_path), **made)
+    model = DQN("MlpPolicy", training, learning_starts=1000, seed=0, device="cpu")
+    model.set_logger(configure(str(tmp_path), ["json"]))
+    model.learn(40 * DECISIONS, log_interval=20, callback=example["LogScalars"]())
+    training.close()
+    logged = [json.loads(line) for line in (tmp_path / "progress.json").read_text().splitlines()]
+    with (tmp_path / "0.monitor.csv").open(newline="") as file:
+        file.readline()
+        episodes = [*csv.DictReader(file)][:20]
+    speed = sum(float(row["mean_speed_m_s"]) for row in episodes) / 20
+    assert logged[0]["rollout/mean_speed_m_s"] == pytest.approx(speed, abs=0.01)
+    hits = sum(row["ego_hit"] == "True" for row in episodes)
+    assert 0 < hits < 20
+    assert logged[0]["rollout/ego_hit"] == pytest.approx(hits / 20)
+    successes = sum(int(row["l"]) == DECISIONS and row["ego_hit"] != "True" for row in episodes)
+    assert logged[0]["rollout/success_rate"] == pytest.approx(successes / 20, abs=0.051)
 
 
 @pytest.mark.parametrize("method", ["spawn", "forkserver"])

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drl_av.evaluation.surrogates import required_deceleration
+from drl_av.evaluation.criticality import required_deceleration
 from drl_av.safety.paper import time_to_collision
 
 PYTHON = os.environ.get("CRIME_PYTHON", "")

@@ -142,7 +142,7 @@ def test_nothing_hangs_on_the_random_numbers_of_sumo(
     monkeypatch.setattr(
         drl_av.simulation.sumo,
         "start_arguments",
-        lambda files, seed, config: start_arguments(files, seed + 12345, config),
+        lambda files, seed, config, own: start_arguments(files, seed + 12345, config, own),
     )
     with closing(HighwayEnv(config=CONFIG)) as env:
         assert driven(env).hash() == recording.hash()

@@ -36,15 +36,6 @@ def test_it_was_trained_like_the_preset_fast_for_longer_and_with_more_weight_on_
     assert config == preset("fast").updated("learning", episodes=1000, seed=1, **own)
 
 
-def test_the_smooth_driver_has_the_networks_of_the_shipped_one_and_margins_besides() -> None:
-    (networks, config), (own, smooth) = (
-        load_policy(find_policy(SHIPPED[name])) for name in ("pretrained", "pretrained-smooth")
-    )
-    assert smooth == config.updated("learning", abort_margin=0.3, acceleration_margin=0.12)
-    for mine, its in zip(own, networks, strict=True):
-        np.testing.assert_array_equal(mine.flat, its.flat)
-
-
 def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper() -> None:
     folder = SHIPPED["pretrained-paper"]
     assert load_config(folder / "config.toml") == Config()
@@ -85,17 +76,15 @@ def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_wri
     }
 
 
-def test_the_driver_of_the_training_at_scale_is_that_of_its_preset() -> None:
+def test_the_driver_of_the_training_at_scale_has_the_settings_beside_it() -> None:
     folder = SHIPPED["pretrained-large"]
     config = load_actor(folder / "policy.safetensors")[1]
-    assert config == preset("large") == load_config(folder / "config.toml")
+    assert config == load_config(folder / "config.toml")
     rows = (folder / "updates.csv").read_text().splitlines()
-    assert rows[-1].split(",")[0] == str(10_000_000 // 16_384 * 16_384)
+    assert rows[-1].split(",")[0] == str(config.ppo.decisions // 16_384 * 16_384)
 
 
-@pytest.mark.parametrize(
-    "name", ["pretrained", "pretrained-smooth", "pretrained-paper", "pretrained-large"]
-)
+@pytest.mark.parametrize("name", ["pretrained", "pretrained-paper", "pretrained-large"])
 def test_on_the_loop_they_are_faster_than_the_paper_s_rule_in_the_same_traffic_and_hit_nothing(
     name: str,
 ) -> None:

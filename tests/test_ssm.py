@@ -29,7 +29,7 @@ from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.evaluation.surrogates import required_deceleration
+from drl_av.evaluation.criticality import required_deceleration
 from drl_av.road.snapshot import EGO
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.scenarios.folder import ScenarioDescription, write_scenario

@@ -112,7 +112,7 @@ TABLES: dict[str, Table] = {
 }
 LEARNED = [f"{kind}_learned" for kind in ramps.SUCCESS]
 PAPER = [f"{kind}_paper" for kind in ramps.SUCCESS]
-for _name in (*ramps.SUCCESS, *LEARNED, "merge_planner", *PAPER):
+for _name in (*ramps.SUCCESS, *LEARNED, *PAPER):
     TABLES[_name] = Table(partial(lambda file: ramps.table(read(file)), f"{_name}.txt"))
 
 

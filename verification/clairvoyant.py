@@ -227,8 +227,8 @@ def main() -> int:
     parser.add_argument(
         "--driver",
         nargs="+",
-        default=[BASE, "pretrained", "planner"],
-        help=f"beside the search (default: {BASE} pretrained planner)",
+        default=[BASE, "pretrained"],
+        help=f"beside the search (default: {BASE} pretrained)",
     )
     parser.add_argument("--safety-check", choices=CHECKS, default="paper", help="default: paper")
     parser.number("--seed", SEEDS, low=0)

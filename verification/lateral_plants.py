@@ -1,6 +1,6 @@
 """The ego's lateral plants for many scenes at once: its lateral motion in one SUMO step.
 
-The steering law is that of ``drl_av/driving/steering.py``. This module detects no collisions. All
+The steering law is that of ``drl_av/driving/maneuver.py``. This module detects no collisions. All
 arrays have shape (scenes,).
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import EgoConfig
-from drl_av.driving.steering import Pose, settled, steer
+from drl_av.driving.maneuver import Pose, settled, steer
 from drl_av.road.road import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]

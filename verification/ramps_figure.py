@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.container import ErrorbarContainer
 
-COLOURS = {"planner": "#0072b2", "gap-mobil": "#999999", "sumo": "#009e73"}
+COLOURS = {"gap-mobil": "#999999", "sumo": "#009e73"}
 LEARNED = "#d55e00"
 TITLES = {"merge": "On-ramp", "exit": "Off-ramp", "ramp_to_ramp": "Ramp to ramp"}
 MEASURES = {

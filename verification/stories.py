@@ -28,7 +28,7 @@ STORIES = (
     "fast_overtaker",
     "two_into_one_lane",
 )
-DRIVERS = ("idm", "idm-mobil", "gap-mobil", "planner", "pretrained")
+DRIVERS = ("idm", "idm-mobil", "gap-mobil", "pretrained")
 SUMO_DRIVERS = ("sumo", "sumo-tuned")
 CHECKS = ("permit_all", "paper", "strict")
 SETTINGS: dict[str, dict[str, Any]] = {

@@ -16,7 +16,6 @@ import numpy as np
 
 from drl_av.cli.options import int_at_least
 from drl_av.config import SINGLE_PRESETS, Config
-from drl_av.drivers.background.level_k import load_level_1
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO, Command, Snapshot
@@ -116,8 +115,7 @@ def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -
 def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
     """Drive an episode; return the snapshots after each decision, without the first 30."""
     scenario = load_scenario(find_scenario(config.simulation.scenario))
-    level_1 = load_level_1(scenario.road) if config.traffic.level_1_share else None
-    drivers = TrafficDrivers(config, scenario.road, scenario.vehicle_types, level_1)
+    drivers = TrafficDrivers(config, scenario.road, scenario.vehicle_types)
     shots = []
     with closing(Simulation(scenario, config)) as simulation:
         shot = simulation.reset(seed, vehicles)

@@ -6,6 +6,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.road.snapshot import EGO_ID, Snapshot
+from drl_av.simulation.simulation import Simulation
 from verification.traffic_moments import lanes
 
 
@@ -36,7 +37,9 @@ class TrafficTally:
 
     def after_step(self, shot: Snapshot) -> None:
         """Record the collisions that SUMO reports in a step."""
-        for record in self._env.simulation._sumo.simulation.getCollisions():
+        simulation = self._env.simulation
+        assert isinstance(simulation, Simulation)
+        for record in simulation._sumo.simulation.getCollisions():
             if EGO_ID not in (record.collider, record.victim):
                 self._colliding |= {record.collider, record.victim}
 

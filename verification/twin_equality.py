@@ -10,7 +10,8 @@
    many decisions all indicators of the ego are equal in both worlds (1e-6).
 """
 
-from collections.abc import Iterator, Sequence
+from argparse import Namespace
+from collections.abc import Iterator
 from statistics import fmean
 from typing import NamedTuple
 
@@ -20,10 +21,12 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.driving.maneuver import plan
+from drl_av.env.fork import standing_requests
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Snapshot
+from drl_av.simulation.simulation import Simulation
 from drl_av.twin.copying import copy_scene
 from drl_av.twin.step import sumo_step
 from drl_av.twin.worlds import REQUEST_END, REQUEST_LANE, SPEED_M_S, World, empty_worlds
@@ -34,32 +37,6 @@ REQUEST_STEPS = 10
 FIRST_SEED = 930_000
 
 
-class Requests:
-    """The lane changes that have been requested in SUMO, by row: the lane, and until when."""
-
-    def __init__(self, env: HighwayEnv) -> None:
-        self._fleet, self._env = env.simulation.fleet, env
-        self._draw = self._fleet.lane_changes
-        self._fleet.lane_changes = self._changes  # type: ignore[method-assign]
-        self.latest: dict[int, tuple[int, float]] = {}
-
-    def _changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
-        found = self._draw(time_s, y_m)
-        for row, side in found:
-            lane = self._env.road.lane_of(float(y_m[row])) + side
-            if lane >= 0:
-                self.latest[row] = lane, time_s + 5.0
-        return found
-
-    def standing(self, time_s: float) -> dict[int, tuple[int, int]]:
-        """Return by row the lane, and for how many SUMO steps more the request stands."""
-        return {
-            row: (lane, round((until_s - time_s) * 2))
-            for row, (lane, until_s) in self.latest.items()
-            if until_s >= time_s
-        }
-
-
 def second_ahead(
     vehicles: int, scenes: int, every: int, config: Config, scenario: str
 ) -> FloatArray:
@@ -68,11 +45,12 @@ def second_ahead(
     driver = make_drivers(find_drivers(["gap-mobil"]), env.config)["gap-mobil"]
     worlds = empty_worlds(1, vehicles + 1, len(env.road.open_lanes))
     world = World(*(array[0] for array in worlds))
+    simulation = env.simulation
+    assert isinstance(simulation, Simulation)
     loop = TwinVectorEnv(1, scenario=scenario, config=config).task.loop
     errors: list[FloatArray] = []
     for seed in range(FIRST_SEED, FIRST_SEED + scenes):
         env.reset(seed=seed, options={"vehicles": vehicles})
-        requests = Requests(env)
         for decision in range(1, 200):
             before, scene = env.scene.snapshot, env.scene
             action = driver.act(scene, env.observation)
@@ -81,11 +59,10 @@ def second_ahead(
                 break
             if decision % every == 0:
                 commands = plan(scene, done.executed, env.config.ego, env.config.simulation)[0]
-                standing = requests.standing(before.time_s)
-                population = env.simulation.fleet.population
-                where = env.simulation.scenario, env.config
+                standing = standing_requests(simulation, before.time_s)
+                where = simulation.scenario, env.config
                 begun = {row: (lane, n) for row, (lane, n) in standing.items() if n < REQUEST_STEPS}
-                copy_scene(world, loop, population, before, begun, *where)
+                copy_scene(world, loop, simulation.fleet.population, before, begun, *where)
                 for row, (lane, steps) in standing.items():  # with those of this decision
                     world.z[REQUEST_LANE, row], world.z[REQUEST_END, row] = lane, steps
                 for command in commands:
@@ -154,16 +131,23 @@ def equal_decisions(one: Drive, other: Drive) -> int:
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables of each kind of traffic."""
     program = Program(__doc__)
     program.number("--scenes", 1000, "scenes of each number of vehicles")
     program.number("--episodes", 20, "paired episodes of each driver")
     program.number("--every", 7, "decisions between two scenes of an episode")
     program.add_argument("--vehicles", nargs="+", type=int, default=[5, 10, 20, 30, 40])
     program.add_argument("--scenario", default="circular_three_lane")
+    program.some("--traffic", ("calm", "overtaking", "naturalistic"))
     given = program.parse_args()
-    config = Config()
-    print("speeds a second ahead, of all vehicles, from scenes in SUMO")
+    for kind in given.traffic:
+        compare(given, Config().with_traffic(kind), kind)
+    print(program.made_by())
+
+
+def compare(given: Namespace, config: Config, kind: str) -> None:
+    """Print both tables of a kind of traffic."""
+    print(f"traffic {kind}: speeds a second ahead, of all vehicles, from scenes in SUMO")
     print("vehicles  scenes  to 1e-6 m/s  to 0.2 m/s   mean error m/s")
     for vehicles in given.vehicles:
         errors = second_ahead(vehicles, given.scenes, given.every, config, given.scenario)
@@ -197,7 +181,8 @@ def main() -> None:
                 f"{changes[1]:6.4f}{equal:9d} of {total}",
                 flush=True,
             )
-    print(program.made_by())
+    print(flush=True)
+    sumo.close()
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from drl_av.evaluation import (
     NEAR_MISS_DRAC_M_S2,
     NEAR_MISS_TTC_S,
     PASS_CRITERION,
+    PROVENANCE,
     RAY,
 )
 
@@ -39,8 +40,6 @@ SAVE_EVERY_S = 5.0
 
 If SUMO aborts the process, the rows after the last write are lost.
 """
-BESIDE = ".provenance.json"
-"""Ending of the file with the provenance of the table (how it was made)."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -163,7 +162,7 @@ def evaluate(options: argparse.Namespace) -> int:
     require_suffix(options.out, ".csv")
     require_suffix(options.json, ".json")
     if options.out:
-        require_writable(options.out.with_suffix(BESIDE), options.json, inputs=inputs)
+        require_writable(options.out.with_suffix(PROVENANCE), options.json, inputs=inputs)
     specs = find_drivers(words or ["pretrained"])
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
@@ -201,6 +200,8 @@ def evaluate(options: argparse.Namespace) -> int:
             "judgements": judgements,
         }
         write_summaries(options.json, tables)
+    if config.simulation.world == "twin":
+        print("Driven in the twin, not in SUMO.")
     if rows:
         print_summaries(summaries)
     title = title_of((row.driver, row.safety_check) for row in rows)
@@ -234,7 +235,7 @@ def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
 
     custom = {name: str(part) for name, part in evaluation.custom._asdict().items() if part}
     inputs = Inputs({"": evaluation.config}, checksums(evaluation.specs) | custom)
-    return ResultTable(path, inputs, place, beside=path.with_suffix(BESIDE))
+    return ResultTable(path, inputs, place, beside=path.with_suffix(PROVENANCE))
 
 
 def _rows(

@@ -9,6 +9,7 @@ from typing import Any
 from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
 from drl_av.errors import ConfigError, pluralize
+from drl_av.evaluation.figure_style import COLUMNS_IN
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -19,6 +20,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE.csv | RUN",
         help="tables of evaluate, and folders of runs",
+    )
+    parser.add_argument(
+        "--columns",
+        type=int,
+        choices=COLUMNS_IN,
+        help="make the figures as wide as one or two columns of a paper, with text of 8 points",
     )
     parser.add_argument(
         "--time-space",
@@ -41,7 +48,7 @@ def figures(options: argparse.Namespace) -> int:
 
     Raises ConfigError if a folder is not a run, or tables have an episode of a driver twice.
     """
-    from drl_av.evaluation.figure_style import add_title
+    from drl_av.evaluation.figure_style import add_title, fit_columns
     from drl_av.evaluation.figures import (
         EPISODE_COLUMNS,
         learning_figure,
@@ -76,7 +83,10 @@ def figures(options: argparse.Namespace) -> int:
         recording = load_recording(options.time_space)
         figures["time_space"] = time_space_figure(recording)
         add_title(figures["time_space"], f"{recording.driver}, seed {recording.seed}")
-    _save(figures or {"reward": reward_figure(Config())}, options.out)
+    figures = figures or {"reward": reward_figure(Config())}
+    for figure in figures.values() if options.columns else ():
+        fit_columns(figure, options.columns)
+    _save(figures, options.out)
     return 0
 
 

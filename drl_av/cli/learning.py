@@ -111,12 +111,12 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
     from drl_av.cli.console import progress_bar, stop_request
     from drl_av.learning.large_scale import train_at_scale
 
-    for option in ("resume", "episodes", "replay", "tensorboard"):
+    for option in ("resume", "episodes", "replay", "tensorboard", "reward", "sumo_options"):
         if getattr(options, option):
             raise ConfigError(
-                f"--{option} belongs to the training by Algorithm 1, but this one is PPO at "
-                "scale, which takes minutes and begins anew: leave it out, or choose another "
-                "preset."
+                f"--{option.replace('_', '-')} belongs to the training by Algorithm 1, but this "
+                "one is PPO at scale, which takes minutes and begins anew: leave it out, or choose "
+                "another preset."
             )
     done, updates = 0, config.ppo.decisions // config.ppo.batch_size
     with stop_request() as stop, progress_bar("training, updates", updates) as bar:

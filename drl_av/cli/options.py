@@ -10,6 +10,7 @@ from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, preset
 from drl_av.config.reference import SECTIONS, annotated_toml
+from drl_av.config.road import WORLDS
 from drl_av.drivers.agent import UNPICKLED
 from drl_av.drivers.registry import driver_names
 from drl_av.errors import ConfigError, ScenarioError
@@ -78,6 +79,12 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         help=f"scenario folder, or the name of a shipped one (default: {whose})",
     )
     parser.add_argument(
+        "--world",
+        choices=WORLDS,
+        help="sumo, or the twin: SUMO's traffic on a loop, compiled, and so faster (default: "
+        "sumo; with --resume that of the training)",
+    )
+    parser.add_argument(
         "--safety-check",
         metavar="NAME",
         help=f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})",
@@ -138,7 +145,7 @@ def _setting(text: str) -> str:
 
 
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:
-    """Return ``config``, changed by --traffic, --config, --scenario and --safety-check in turn.
+    """Return ``config``, changed by the options of ``add_env_options`` in turn.
 
     If the scenario was made from the user's own files, it says on stderr what was made of them.
     Raises ConfigError if the TOML file or a setting is wrong.
@@ -146,6 +153,8 @@ def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
     config = with_files(config, options.config)
+    if options.world is not None:
+        config = config.updated("simulation", world=options.world)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
     config = with_scenario(config, options.scenario)

@@ -1,8 +1,10 @@
 """The verb ``replay``: shows a driver or a recorded episode in sumo-gui, as a video or a page."""
 
 import argparse
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from drl_av.cli.options import (
     add_env_options,
@@ -21,20 +23,41 @@ from drl_av.drivers.registry import (
 )
 from drl_av.errors import ConfigError, RecordingError, pluralize
 
+if TYPE_CHECKING:
+    from drl_av.env.custom import CustomParts
+    from drl_av.env.metrics import EpisodeResult
+    from drl_av.evaluation.recording import Recording
+    from drl_av.evaluation.replay import ReplaySession
+
 USUAL_RATE = 2.0
+OTHER_SOURCES = (*DRIVER_FILES, ".toml")
+"""Endings of the files that are not recordings."""
+SUFFIXES = {
+    "html": ".html",
+    "record": ".npz",
+    "fcd": ".xml",
+    "parquet": ".parquet",
+    "sheet": ".png",
+}
+"""The options that write a file, and how its name must end."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av replay`` to its parser."""
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument(
+    parser.add_argument(
         "source",
         nargs="?",
-        metavar="RUN | RECORDING",
-        help="a file written by --record, or a driver in any form that --driver takes "
-        "(default: the shipped driver, under strict)",
+        metavar="RUN | RECORDING | TABLE.csv",
+        help="a file written by --record, a table of evaluate (with --worst), or a driver in any "
+        "form that --driver takes (default: the shipped driver, under strict)",
     )
-    which.add_argument("--driver", metavar="NAME", help=driver_words())
+    parser.add_argument("--driver", metavar="NAME", help=driver_words())
+    parser.add_argument(
+        "--worst",
+        metavar="COLUMN",
+        help="drive the worst episode of a table again, such as min_ttc_s, the smallest, or "
+        "hard_brakes, the largest",
+    )
     parser.add_argument(
         "--seed", type=int_at_least(0), metavar="S", help="traffic seed (default: 0)"
     )
@@ -60,6 +83,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--html", type=Path, metavar="FILE.html", help="write a page that plays in a browser"
     )
+    how.add_argument(
+        "--sheet",
+        type=Path,
+        metavar="FILE.png",
+        help="with --worst: draw the critical moments of the ten worst episodes",
+    )
     parser.add_argument(
         "--rate", type=rate, metavar="X", help=f"multiple of real time (default: {USUAL_RATE:g})"
     )
@@ -80,86 +109,41 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def replay(options: argparse.Namespace) -> int:
-    """Drive one episode, and show it or write it to a file; return the exit status 0."""
+    """Drive one episode, and show it or write it to a file; return the exit status 0.
+
+    With ``--sheet`` it drives ten episodes, and draws a moment of each.
+    """
     from drl_av.drawing.film import require_film
-    from drl_av.env.highway import HighwayEnv
-    from drl_av.env.video import Film
-    from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import (
-        FCD_OPTIONS,
-        USUAL_VEHICLES,
-        Pacer,
-        Page,
-        ReplaySession,
-        replay_session,
-    )
-    from drl_av.evaluation.trajectories import write_parquet
-    from drl_av.files import replacing, require_suffix, require_writable
+    from drl_av.files import require_suffix, require_writable
 
     if options.html and options.rate is not None:
         raise ConfigError(
             "--rate has no effect on a page, whose menu sets the speed: leave it out."
         )
-    pace = USUAL_RATE if options.rate is None else options.rate
     inputs = [options.source, options.driver, *options.config]
-    written = options.record, options.video, options.html, options.fcd, options.parquet
-    require_writable(*written, inputs=inputs)
-    suffixes = {"html": ".html", "record": ".npz", "fcd": ".xml", "parquet": ".parquet"}
-    for name, suffix in suffixes.items():
+    require_writable(*_written(options), inputs=inputs)
+    for name, suffix in SUFFIXES.items():
         require_suffix(getattr(options, name), suffix)
     if options.video:
-        require_film(options.video, pace)
-    given = (options.source, options.driver, "pretrained")
-    source = next(word for word in given if word is not None)
-    custom = custom_parts(options)
-    if Path(source).is_file() and Path(source).suffix not in (*DRIVER_FILES, ".toml"):
-        recording = load_recording(Path(source))
-        _refuse_settings(options, source, recording.config.safety.check)
-        session = replay_session(recording, custom)
-    else:
-        specs = find_drivers([source])
-        config = with_command_line(default_config(specs), options)
-        if options.decisions:
-            config = config.updated("simulation", decisions_per_episode=options.decisions)
-        seed = options.seed or 0
-        config = specs[0].config(config)
-        if specs[0].under:
-            custom = custom._replace(safety_check=None)
-        with closing(HighwayEnv(config=config, **custom._asdict())) as env:
-            implied = env.simulation.fleet.default_vehicle_count
-            usual = USUAL_VEHICLES if implied is None else implied
-            vehicles = usual if options.vehicles is None else options.vehicles
-            env.reset(seed=seed, options={"vehicles": vehicles})
-            check = env.safety_check if custom.safety_check else None
-        [(name, driver)] = make_drivers(specs, config, check).items()
-        session = ReplaySession(config, driver, name, seed, vehicles, custom=custom)
-    with ExitStack() as stack:
-        if options.fcd:
-            unfinished = stack.enter_context(replacing(options.fcd))
-            session = session.with_options("--fcd-output", str(unfinished), *FCD_OPTIONS)
-        if options.video:
-            film = Film(session.name, session.road, session.seed)
-            recording, result = session.drive(None, film.add)
-            print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
-        elif options.html:
-            page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
-            recording, result = session.drive(None, page)
-            page.write(options.html)
-            print(f"{options.html}: open it in a browser")
-        elif any(written) and not options.gui:
-            recording, result = session.drive(None)
-        else:
-            recording, result = session.drive("human", Pacer(pace))
+        require_film(options.video, options.rate or USUAL_RATE)
+    sessions = _sessions(options)
+    if options.sheet:
+        return _draw_sheet(options, sessions)
+    [session] = sessions
+    recording, result = _show(options, session)
     if options.record:
         recording.save(options.record)
     if options.parquet:
+        from drl_av.evaluation.trajectories import write_parquet
+
         write_parquet(recording, options.parquet)
     for path in filter(None, (options.record, options.fcd, options.parquet)):
         print(f"{path}: recorded")
+    again = session.recording or session.expected
     print(
         f"{session.name}, check {result.safety_check}, "
         f"{pluralize(result.vehicles, 'vehicle')}, seed {result.seed}: "
-        f"{'exactly as recorded, ' if session.recording else ''}"
+        f"{'exactly as recorded, ' if again else ''}"
         f"{pluralize(result.decisions, 'decision')}, {result.mean_speed_m_s:.2f} m/s, "
         f"reward {result.mean_reward:.3f}, "
         f"{pluralize(result.safety_triggers, 'safety trigger')}, "
@@ -169,17 +153,115 @@ def replay(options: argparse.Namespace) -> int:
     return 0
 
 
-def _refuse_settings(options: argparse.Namespace, recording: str, check: str) -> None:
-    """Raise RecordingError if an option would change a recording made under this check.
+def _written(options: argparse.Namespace) -> list[Path | None]:
+    return [options.video, *(getattr(options, name) for name in SUFFIXES)]
 
-    Only a check of the user's own has to be named again, as a recording may run no code.
+
+def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
+    """Return the episode to drive, or ten of a table with ``--sheet``."""
+    from drl_av.evaluation.recording import load_recording
+    from drl_av.evaluation.replay import replay_session
+    from drl_av.evaluation.worst import ON_A_SHEET, worst_sessions
+
+    source, custom = options.source, custom_parts(options)
+    is_table = source is not None and Path(source).suffix == ".csv"
+    if is_table != (options.worst is not None):
+        raise ConfigError(
+            "--worst takes a table of evaluate, and a table takes --worst, such as: drl-av replay "
+            "table.csv --worst min_ttc_s."
+        )
+    if options.sheet and (not is_table or options.record or options.fcd or options.parquet):
+        raise ConfigError("--sheet draws ten episodes of --worst, and goes with no other file.")
+    if is_table:
+        _refuse_settings(options, source)
+        count = ON_A_SHEET if options.sheet else 1
+        return worst_sessions(Path(source), options.worst, options.driver, custom, count)
+    if source is not None and options.driver is not None:
+        raise ConfigError(f"{source} and --driver {options.driver} are two drivers: name one.")
+    if source is not None and Path(source).is_file() and Path(source).suffix not in OTHER_SOURCES:
+        recording = load_recording(Path(source))
+        _refuse_settings(options, source, recording.config.safety.check)
+        return [replay_session(recording, custom)]
+    given = (source, options.driver, "pretrained")
+    word = next(each for each in given if each is not None)
+    return [_new_session(options, word, custom)]
+
+
+def _new_session(options: argparse.Namespace, word: str, custom: "CustomParts") -> "ReplaySession":
+    """Return the session of a driver by the options, whose vehicles fit on the road."""
+    from drl_av.env.highway import HighwayEnv
+    from drl_av.evaluation.replay import USUAL_VEHICLES, ReplaySession
+
+    specs = find_drivers([word])
+    config = with_command_line(default_config(specs), options)
+    if options.decisions:
+        config = config.updated("simulation", decisions_per_episode=options.decisions)
+    seed = options.seed or 0
+    config = specs[0].config(config)
+    if specs[0].under:
+        custom = custom._replace(safety_check=None)
+    with closing(HighwayEnv(config=config, **custom._asdict())) as env:
+        implied = env.simulation.fleet.default_vehicle_count
+        usual = USUAL_VEHICLES if implied is None else implied
+        vehicles = usual if options.vehicles is None else options.vehicles
+        env.reset(seed=seed, options={"vehicles": vehicles})
+        check = env.safety_check if custom.safety_check else None
+    [(name, driver)] = make_drivers(specs, config, check).items()
+    return ReplaySession(config, driver, name, seed, vehicles, custom=custom)
+
+
+def _show(
+    options: argparse.Namespace, session: "ReplaySession"
+) -> "tuple[Recording, EpisodeResult]":
+    """Drive the session in sumo-gui, for a film or a page, or without a picture of it."""
+    from drl_av.env.video import Film
+    from drl_av.evaluation.replay import FCD_OPTIONS, Pacer, Page
+    from drl_av.files import replacing
+
+    pace = options.rate or USUAL_RATE
+    with ExitStack() as stack:
+        if options.fcd:
+            unfinished = stack.enter_context(replacing(options.fcd))
+            session = session.with_options("--fcd-output", str(unfinished), *FCD_OPTIONS)
+        if options.video:
+            film = Film(session.name, session.road, session.seed)
+            driven = session.drive(None, film.add)
+            print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
+        elif options.html:
+            page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
+            driven = session.drive(None, page)
+            page.write(options.html)
+            print(f"{options.html}: open it in a browser")
+        elif any(_written(options)) and not options.gui:
+            driven = session.drive(None)
+        else:
+            driven = session.drive("human", Pacer(pace))
+    return driven
+
+
+def _draw_sheet(options: argparse.Namespace, sessions: "Sequence[ReplaySession]") -> int:
+    from drl_av.evaluation.worst import contact_sheet
+    from drl_av.files import write_atomic
+
+    write_atomic(options.sheet, contact_sheet(sessions, options.worst))
+    print(
+        f"{options.sheet}: the {pluralize(len(sessions), 'episode')} with the worst {options.worst}"
+    )
+    return 0
+
+
+def _refuse_settings(options: argparse.Namespace, source: str, check: str = "") -> None:
+    """Raise RecordingError if an option would change a recorded episode, driven under this check.
+
+    Only a check of the user's own has to be named again, as a file may run no code.
     """
     names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "traffic", "config")
     given = [name for name in names if getattr(options, name) not in (None, [])]
-    if is_factory(check) and options.safety_check == check:
+    is_own = options.safety_check is not None and is_factory(options.safety_check)
+    if is_own and check in ("", options.safety_check):
         given.remove("safety_check")
     if given:
         raise RecordingError(
-            f"--{given[0].replace('_', '-')} cannot be changed in {recording}: "
-            "a recording is replayed as it was recorded."
+            f"--{given[0].replace('_', '-')} cannot be changed in {source}: "
+            "a recorded episode is driven as it was."
         )

@@ -24,8 +24,7 @@ from drl_av.config.reward import DESIRED_VALUES, RewardConfig
 from drl_av.config.road import SimulationConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
 from drl_av.config.schema import did_you_mean
-from drl_av.config.traffic import TrafficConfig
-from drl_av.config.traffic_presets import SINGLE_PRESETS, TRAFFIC_PRESETS, traffic_preset
+from drl_av.config.traffic import SINGLE_PRESETS, TRAFFIC_PRESETS, TrafficConfig, traffic_preset
 from drl_av.errors import ConfigError
 
 __all__ = [

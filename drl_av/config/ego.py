@@ -11,81 +11,46 @@ LONGITUDINAL_REFERENCES = ("acceleration", "idm", "acc")
 
 @dataclass(frozen=True)
 class EgoConfig(Section):
-    """The ego: its limits, the accelerations of its actions, and how it executes an action."""
+    """The ego: its limits, the accelerations of its actions, and how it executes an action.
 
-    max_speed_m_s: float = setting(30.0, "ours", "highest speed of the ego", low=1, high=60)
-    accelerate_m_s2: float = setting(
-        2.0, "Sec. IV-A", "a_1, acceleration of the action accelerate", low=0.1, high=10
-    )
-    brake_m_s2: float = setting(
-        2.0, "Sec. IV-A", "a_1, braking of the action brake", low=0.1, high=10
-    )
-    hard_brake_m_s2: float = setting(
-        4.0, "Sec. IV-A", "a_2, braking of the action hard brake", low=0.1, high=10
-    )
-    lane_change_duration_s: float = setting(
-        5.0, "Table I", "T_LC, duration of a lane change", low=1, high=20
-    )
-    lateral_plant: str = setting(
-        "kinematic",
-        "Sec. IV-A",
-        "lateral motion: constant lateral speed (kinematic), or curvature feedback of Sec. III "
-        "(steering)",
-        choices=LATERAL_PLANTS,
-    )
-    max_curvature_per_m: float = setting(
-        0.2,
-        "ours",
-        "lateral_plant steering: largest curvature of the path; 0.2 is a radius of 5 m",
-        low=0.01,
-        high=1,
-    )
-    max_lateral_acceleration_m_s2: float = setting(
-        2.0,
-        "ours",
-        "lateral_plant steering: largest lateral acceleration, which an abort may reach",
-        low=0.1,
-        high=10,
-    )
-    steering_interval_s: float = setting(
-        0.05,
-        "ours",
-        "lateral_plant steering: longest time between two curvature commands",
-        low=0.001,
-        high=0.1,
-    )
-    longitudinal_reference: str = setting(
-        "acceleration",
-        "Sec. III",
-        "how maintain and accelerate set the speed: constant acceleration (acceleration), IDM "
-        "(idm), or adaptive cruise control (acc)",
-        choices=LONGITUDINAL_REFERENCES,
-    )
-    reference_headway_s: float = setting(
-        1.3,
-        "ours",
-        "longitudinal_reference idm or acc: time gap; the same as in d_safe",
-        low=0.1,
-        high=10,
-    )
-    reference_standstill_gap_m: float = setting(
-        STANDSTILL_GAP_M,
-        "ours",
-        "longitudinal_reference idm or acc: gap at standstill, SUMO's minGap",
-        low=0,
-        high=20,
-    )
-    acc_gap_gain_per_s: float = setting(
-        0.4, "ours", "longitudinal_reference acc: lambda, gain on the gap error", low=0.01, high=10
-    )
-    acc_speed_gain_per_s: float = setting(
-        0.4, "ours", "longitudinal_reference acc: gain on the speed error", low=0.01, high=10
-    )
-    overtake_right: bool = setting(
-        True,
-        "ours",
-        "whether the ego's rule-based drivers may pass another vehicle on the right above 60 km/h",
-    )
+    max_speed_m_s: highest speed of the ego (ours)
+    accelerate_m_s2: a_1, acceleration of the action accelerate (Sec. IV-A)
+    brake_m_s2: a_1, braking of the action brake (Sec. IV-A)
+    hard_brake_m_s2: a_2, braking of the action hard brake (Sec. IV-A)
+    lane_change_duration_s: T_LC, duration of a lane change (Table I)
+    lateral_plant: lateral motion: constant lateral speed (kinematic), or curvature feedback of Sec.
+        III (steering) (Sec. IV-A)
+    max_curvature_per_m: lateral_plant steering: largest curvature of the path; 0.2 is a radius of 5
+        m (ours)
+    max_lateral_acceleration_m_s2: lateral_plant steering: largest lateral acceleration, which an
+        abort may reach (ours)
+    steering_interval_s: lateral_plant steering: longest time between two curvature commands (ours)
+    longitudinal_reference: how maintain and accelerate set the speed: constant acceleration
+        (acceleration), IDM (idm), or adaptive cruise control (acc) (Sec. III)
+    reference_headway_s: longitudinal_reference idm or acc: time gap; the same as in d_safe (ours)
+    reference_standstill_gap_m: longitudinal_reference idm or acc: gap at standstill, SUMO's minGap
+        (ours)
+    acc_gap_gain_per_s: longitudinal_reference acc: lambda, gain on the gap error (ours)
+    acc_speed_gain_per_s: longitudinal_reference acc: gain on the speed error (ours)
+    overtake_right: whether the ego's rule-based drivers may pass another vehicle on the right above
+        60 km/h (ours)
+    """
+
+    max_speed_m_s: float = setting(30.0, low=1, high=60)
+    accelerate_m_s2: float = setting(2.0, low=0.1, high=10)
+    brake_m_s2: float = setting(2.0, low=0.1, high=10)
+    hard_brake_m_s2: float = setting(4.0, low=0.1, high=10)
+    lane_change_duration_s: float = setting(5.0, low=1, high=20)
+    lateral_plant: str = setting("kinematic", choices=LATERAL_PLANTS)
+    max_curvature_per_m: float = setting(0.2, low=0.01, high=1)
+    max_lateral_acceleration_m_s2: float = setting(2.0, low=0.1, high=10)
+    steering_interval_s: float = setting(0.05, low=0.001, high=0.1)
+    longitudinal_reference: str = setting("acceleration", choices=LONGITUDINAL_REFERENCES)
+    reference_headway_s: float = setting(1.3, low=0.1, high=10)
+    reference_standstill_gap_m: float = setting(STANDSTILL_GAP_M, low=0, high=20)
+    acc_gap_gain_per_s: float = setting(0.4, low=0.01, high=10)
+    acc_speed_gain_per_s: float = setting(0.4, low=0.01, high=10)
+    overtake_right: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,26 +74,20 @@ class EgoConfig(Section):
 
 @dataclass(frozen=True)
 class ObservationConfig(Section):
-    """The observation: the sensor range, and the divisors that scale the 27 indicators."""
+    """The observation: the sensor range, and the divisors that scale the 27 indicators.
 
-    range_m: float = setting(
-        250.0, "Sec. IV-B", "range within which the ego observes other vehicles", low=10, high=2000
-    )
-    gap_scale_m: float = setting(
-        100.0, "ours", "gap that becomes 1 in the observation", low=1, high=2000
-    )
-    speed_scale_m_s: float = setting(
-        10.0, "ours", "relative velocity that becomes 1 in the observation", low=0.1, high=60
-    )
-    lateral_scale_m: float = setting(
-        3.8, "ours", "lateral offset that becomes 1 in the observation", low=0.1, high=50
-    )
-    lateral_speed_scale_m_s: float = setting(
-        0.76, "ours", "lateral velocity that becomes 1 in the observation", low=0.01, high=10
-    )
-    way: bool = setting(
-        False,
-        "ours",
-        "whether the observation also has the groups lane_end and way, which a driver needs where "
-        "its way demands lane changes",
-    )
+    range_m: range within which the ego observes other vehicles (Sec. IV-B)
+    gap_scale_m: gap that becomes 1 in the observation (ours)
+    speed_scale_m_s: relative velocity that becomes 1 in the observation (ours)
+    lateral_scale_m: lateral offset that becomes 1 in the observation (ours)
+    lateral_speed_scale_m_s: lateral velocity that becomes 1 in the observation (ours)
+    way: whether the observation also has the groups lane_end and way, which a driver needs where
+        its way demands lane changes (ours)
+    """
+
+    range_m: float = setting(250.0, low=10, high=2000)
+    gap_scale_m: float = setting(100.0, low=1, high=2000)
+    speed_scale_m_s: float = setting(10.0, low=0.1, high=60)
+    lateral_scale_m: float = setting(3.8, low=0.1, high=50)
+    lateral_speed_scale_m_s: float = setting(0.76, low=0.01, high=10)
+    way: bool = False

@@ -11,167 +11,91 @@ REPLAYS = ("two-buffer", "prioritized", "uniform")
 
 @dataclass(frozen=True)
 class LearningConfig(Section):
-    """The training by Algorithm 1 of the paper: double deep Q-learning with two replay buffers."""
+    """The training by Algorithm 1 of the paper: double deep Q-learning with two replay buffers.
 
-    algorithm: str = setting(
-        "double-dqn",
-        "Alg. 1",
-        "double-dqn in the environment, or ppo at scale with the settings of [ppo]",
-        choices=ALGORITHMS,
-    )
-    seed: int = setting(0, "ours", "seed of all random numbers of a training", low=0, high=2**32)
-    episodes: int = setting(
-        10_000, "Sec. IV-C", "N_e, episodes of a training", low=1, high=10_000_000
-    )
-    discount: float = setting(0.9, "Table I", "gamma, discount", low=0, high=1)
-    learning_rate: float = setting(
-        1e-4, "Sec. IV-C", "step size of Adam; 0 learns nothing", low=0, high=1
-    )
-    learning_rate_end_fraction: float = setting(
-        1.0,
-        "ours",
-        "learning rate in the last episode as a share of the first; it falls linearly",
-        low=0,
-        high=1,
-    )
-    hidden_units: int = setting(100, "Sec. IV-C", "units in each hidden layer", low=1, high=10_000)
-    epsilon_start: float = setting(
-        1.0, "Sec. IV-C", "probability of a random action in the first episode", low=0, high=1
-    )
-    epsilon_end: float = setting(
-        0.2, "Sec. IV-C", "probability of a random action after its decrease", low=0, high=1
-    )
-    epsilon_fraction: float = setting(
-        0.7,
-        "Sec. IV-C",
-        "share of the episodes over which the probability of a random action decreases",
-        low=0.001,
-        high=1,
-    )
-    networks: int = setting(
-        1,
-        "ours",
-        "number of Q-networks; each learns from its own minibatches; the driver uses their mean",
-        low=1,
-        high=100,
-    )
-    round_robin: bool = setting(
-        False, "ours", "whether each gradient step trains only one of the networks, in turn"
-    )
-    replay: str = setting("two-buffer", "Alg. 1", "kind of experience replay", choices=REPLAYS)
-    batch_size: int = setting(64, "ours", "transitions in a minibatch", low=2, high=100_000)
-    collision_fraction: float = setting(
-        0.25, "ours", "share of a minibatch from the collision buffer", low=0, high=1
-    )
-    safe_capacity: int = setting(
-        100_000,
-        "ours",
-        "capacity of Buf_S, the safe buffer, in transitions",
-        low=1,
-        high=100_000_000,
-    )
-    collision_capacity: int = setting(
-        50_000,
-        "ours",
-        "capacity of Buf_C, the collision buffer, in transitions",
-        low=1,
-        high=100_000_000,
-    )
-    priority_exponent: float = setting(
-        0.6,
-        "Schaul 2015, Table 3",
-        "alpha, the priority exponent of prioritized replay",
-        low=0,
-        high=1,
-    )
-    importance_exponent_start: float = setting(
-        0.4,
-        "Schaul 2015, Table 3",
-        "beta, the importance-sampling exponent of prioritized replay, in the first episode; it "
-        "rises linearly to 1",
-        low=0,
-        high=1,
-    )
-    priority_floor: float = setting(
-        1e-6,
-        "ours",
-        "constant that prioritized replay adds to the absolute TD error of a transition",
-        low=1e-12,
-        high=1,
-    )
-    target_update_episodes: int = setting(
-        5, "ours", "N_C, episodes between two updates of the target network", low=1, high=10_000
-    )
-    gradient_steps: int = setting(1, "Alg. 1", "gradient steps per decision", low=0, high=100)
-    collisions_to_start: int = setting(
-        0, "ours", "number of transitions that Buf_C must hold before learning starts", low=0
-    )
-    traffic_by_episode: bool = setting(
-        False,
-        "ours",
-        "whether the traffic of an episode depends on the seed and the episode number only",
-    )
-    mirrored: bool = setting(
-        False,
-        "ours",
-        "whether left and right are exchanged in half of each minibatch, and the driver uses the "
-        "mean Q-value of the scene and its mirror image",
-    )
-    counterfactuals: int = setting(
-        0,
-        "ours",
-        "number of actions not taken, per decision, whose computed outcomes are stored",
-        low=0,
-        high=12,
-    )
-    speed_weight: float = setting(
-        0.0,
-        "ours",
-        "weight of the bonus v_x / ego.max_speed_m_s that the training adds to the reward",
-        low=0,
-        high=10,
-    )
-    unsafe_penalty: float = setting(
-        0.0,
-        "ours",
-        "penalty of a proposal that the safety check replaces: it is stored with the next state of "
-        "the executed action, and with its reward minus this penalty; 0 stores the proposal as a "
-        "collision, with the reward r_col and no next state (Alg. 1)",
-        low=0,
-        high=1000,
-    )
-    lane_change_margin: float = setting(
-        0.0,
-        "ours",
-        "Q-value by which a lane change must exceed keeping the lane to start; not in Alg. 1",
-        low=0,
-        high=1000,
-    )
-    abort_margin: float = setting(
-        0.0,
-        "ours",
-        "Q-value by which aborting a lane change must exceed going on with it; not in Alg. 1",
-        low=0,
-        high=1000,
-    )
-    acceleration_margin: float = setting(
-        0.0,
-        "ours",
-        "Q-value by which accelerating or braking must exceed keeping the speed; not in Alg. 1",
-        low=0,
-        high=1000,
-    )
-    permitted_only: bool = setting(
-        False,
-        "ours",
-        "whether the trained driver proposes only actions that the safety check permits, and "
-        "begins no lane change away from its way, and none that forces a vehicle behind to brake "
-        "harder than mobil.comfortable_braking_m_s2, while 250 m are left for each that its way "
-        "demands; the training explores all actions",
-    )
-    evaluate_every: int = setting(100, "Sec. IV-C", "episodes between evaluations", low=1)
-    evaluation_episodes: int = setting(10, "ours", "episodes of an evaluation", low=1, high=10_000)
-    checkpoint_every: int = setting(50, "ours", "episodes between checkpoints", low=1)
+    algorithm: double-dqn in the environment, or ppo at scale with the settings of [ppo] (Alg. 1)
+    seed: seed of all random numbers of a training (ours)
+    episodes: N_e, episodes of a training (Sec. IV-C)
+    discount: gamma, discount (Table I)
+    learning_rate: step size of Adam; 0 learns nothing (Sec. IV-C)
+    learning_rate_end_fraction: learning rate in the last episode as a share of the first; it falls
+        linearly (ours)
+    hidden_units: units in each hidden layer (Sec. IV-C)
+    epsilon_start: probability of a random action in the first episode (Sec. IV-C)
+    epsilon_end: probability of a random action after its decrease (Sec. IV-C)
+    epsilon_fraction: share of the episodes over which the probability of a random action decreases
+        (Sec. IV-C)
+    networks: number of Q-networks; each learns from its own minibatches; the driver uses their mean
+        (ours)
+    round_robin: whether each gradient step trains only one of the networks, in turn (ours)
+    replay: kind of experience replay (Alg. 1)
+    batch_size: transitions in a minibatch (ours)
+    collision_fraction: share of a minibatch from the collision buffer (ours)
+    safe_capacity: capacity of Buf_S, the safe buffer, in transitions (ours)
+    collision_capacity: capacity of Buf_C, the collision buffer, in transitions (ours)
+    priority_exponent: alpha, the priority exponent of prioritized replay (Schaul 2015, Table 3)
+    importance_exponent_start: beta, the importance-sampling exponent of prioritized replay, in the
+        first episode; it rises linearly to 1 (Schaul 2015, Table 3)
+    priority_floor: constant that prioritized replay adds to the absolute TD error of a transition
+        (ours)
+    target_update_episodes: N_C, episodes between two updates of the target network (ours)
+    gradient_steps: gradient steps per decision (Alg. 1)
+    collisions_to_start: number of transitions that Buf_C must hold before learning starts (ours)
+    traffic_by_episode: whether the traffic of an episode depends on the seed and the episode number
+        only (ours)
+    mirrored: whether left and right are exchanged in half of each minibatch, and the driver uses
+        the mean Q-value of the scene and its mirror image (ours)
+    counterfactuals: number of actions not taken, per decision, whose computed outcomes are stored
+        (ours)
+    speed_weight: weight of the bonus v_x / ego.max_speed_m_s that the training adds to the reward
+        (ours)
+    unsafe_penalty: penalty of a proposal that the safety check replaces: it is stored with the next
+        state of the executed action, and with its reward minus this penalty; 0 stores the proposal
+        as a collision, with the reward r_col and no next state (Alg. 1) (ours)
+    lane_change_margin: Q-value by which a lane change must exceed keeping the lane to start; not in
+        Alg. 1 (ours)
+    permitted_only: whether the trained driver proposes only actions that the safety check permits,
+        and begins no lane change away from its way, and none that forces a vehicle behind to brake
+        harder than mobil.comfortable_braking_m_s2, while 250 m are left for each that its way
+        demands; the training explores all actions (ours)
+    evaluate_every: episodes between evaluations (Sec. IV-C)
+    evaluation_episodes: episodes of an evaluation (ours)
+    checkpoint_every: episodes between checkpoints (ours)
+    """
+
+    algorithm: str = setting("double-dqn", choices=ALGORITHMS)
+    seed: int = setting(0, low=0, high=2**32)
+    episodes: int = setting(10_000, low=1, high=10_000_000)
+    discount: float = setting(0.9, low=0, high=1)
+    learning_rate: float = setting(1e-4, low=0, high=1)
+    learning_rate_end_fraction: float = setting(1.0, low=0, high=1)
+    hidden_units: int = setting(100, low=1, high=10_000)
+    epsilon_start: float = setting(1.0, low=0, high=1)
+    epsilon_end: float = setting(0.2, low=0, high=1)
+    epsilon_fraction: float = setting(0.7, low=0.001, high=1)
+    networks: int = setting(1, low=1, high=100)
+    round_robin: bool = False
+    replay: str = setting("two-buffer", choices=REPLAYS)
+    batch_size: int = setting(64, low=2, high=100_000)
+    collision_fraction: float = setting(0.25, low=0, high=1)
+    safe_capacity: int = setting(100_000, low=1, high=100_000_000)
+    collision_capacity: int = setting(50_000, low=1, high=100_000_000)
+    priority_exponent: float = setting(0.6, low=0, high=1)
+    importance_exponent_start: float = setting(0.4, low=0, high=1)
+    priority_floor: float = setting(1e-6, low=1e-12, high=1)
+    target_update_episodes: int = setting(5, low=1, high=10_000)
+    gradient_steps: int = setting(1, low=0, high=100)
+    collisions_to_start: int = setting(0, low=0)
+    traffic_by_episode: bool = False
+    mirrored: bool = False
+    counterfactuals: int = setting(0, low=0, high=12)
+    speed_weight: float = setting(0.0, low=0, high=10)
+    unsafe_penalty: float = setting(0.0, low=0, high=1000)
+    lane_change_margin: float = setting(0.0, low=0, high=1000)
+    permitted_only: bool = False
+    evaluate_every: int = setting(100, low=1)
+    evaluation_episodes: int = setting(10, low=1, high=10_000)
+    checkpoint_every: int = setting(50, low=1)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -36,9 +36,10 @@ PRESETS: dict[str, Config] = {
         lane_change_margin=0.02,
     ),
     "large": Config()
+    .updated("simulation", world="twin")
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
-    .updated("traffic", vehicles_max=32),
+    .updated("traffic", presets=("calm", "overtaking", "naturalistic"), vehicles_max=40),
     "literal": from_sections(LITERAL),
 }
 _FAST_ON_RAMPS = {

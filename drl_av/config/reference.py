@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from drl_av.config import Config
-from drl_av.config.schema import did_you_mean
+from drl_av.config.schema import did_you_mean, meanings
 from drl_av.errors import ConfigError
 
 UNITS = {
@@ -26,7 +26,7 @@ SECTIONS: tuple[str, ...] = tuple(item.name for item in fields(Config))
 
 
 class Setting(NamedTuple):
-    """One setting of a config, with the metadata of its field."""
+    """One setting of a config, with what its class says of it."""
 
     section: str
     key: str
@@ -49,17 +49,17 @@ def settings(config: Config, section: str | None = None) -> Iterator[Setting]:
     """
     for name in _sections(section):
         part = getattr(config, name)
+        meant = meanings(type(part))
         for item in fields(part):
-            meta = item.metadata
             yield Setting(
                 section=name,
                 key=item.name,
                 value=getattr(part, item.name),
                 default=item.default,
-                meaning=meta["meaning"],
-                source=meta["source"],
+                meaning=meant[item.name].text,
+                source=meant[item.name].source,
                 unit=next((UNITS[end] for end in UNITS if item.name.endswith(end)), ""),
-                allowed=_allowed(item.default, meta),
+                allowed=_allowed(item.default, item.metadata),
             )
 
 
@@ -99,13 +99,13 @@ def _sections(section: str | None) -> tuple[str, ...]:
 
 def _allowed(default: Any, meta: Any) -> str:
     """Describe in words the allowed values of a setting with this default and field metadata."""
-    if meta["choices"] is not None:
+    if meta.get("choices") is not None:
         return "one of " + ", ".join(meta["choices"])
     if isinstance(default, bool):
         return "true or false"
     if isinstance(default, tuple):
         return "a list of names"
-    low, high = meta["low"], meta["high"]
+    low, high = meta.get("low"), meta.get("high")
     if low is None and high is None:
         return "text" if isinstance(default, str) else "any number"
     if high is None:

@@ -11,30 +11,28 @@ from drl_av.errors import ConfigError
 ONE_STRIP_M = 3.8
 """From this ``lateral_resolution_m`` on, each lane is one strip (the lane width of Table I)."""
 
+WORLDS = ("sumo", "twin")
+
 
 @dataclass(frozen=True)
 class SimulationConfig(Section):
-    """The scenario, and the time steps of SUMO and of the decisions."""
+    """The scenario, and the time steps of SUMO and of the decisions.
+
+    scenario: path of a scenario folder, or name of a shipped scenario (ours)
+    world: sumo, or twin: SUMO's traffic on a loop, compiled (ours)
+    step_length_s: length of a SUMO step; must divide one second (ours)
+    decisions_per_episode: N_s, largest number of decisions in an episode (Sec. IV-C)
+    lateral_resolution_m: width of a strip of SUMO's sublane model; from 3.8 m on, one strip per
+        lane, also in wider lanes (ours)
+    """
 
     decision_interval_s: ClassVar[float] = 1.0
     """Time between two decisions (Table I); it cannot be set."""
-    scenario: str = setting(
-        "circular_three_lane", "ours", "path of a scenario folder, or name of a shipped scenario"
-    )
-    step_length_s: float = setting(
-        0.5, "ours", "length of a SUMO step; must divide one second", low=0.01, high=1.0
-    )
-    decisions_per_episode: int = setting(
-        200, "Sec. IV-C", "N_s, largest number of decisions in an episode", low=1, high=100_000
-    )
-    lateral_resolution_m: float = setting(
-        3.8,
-        "ours",
-        "width of a strip of SUMO's sublane model; from 3.8 m on, one strip per lane, also in "
-        "wider lanes",
-        low=0.1,
-        high=10.0,
-    )
+    scenario: str = "circular_three_lane"
+    world: str = setting("sumo", choices=WORLDS)
+    step_length_s: float = setting(0.5, low=0.01, high=1.0)
+    decisions_per_episode: int = setting(200, low=1, high=100_000)
+    lateral_resolution_m: float = setting(3.8, low=0.1, high=10.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

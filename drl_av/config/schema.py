@@ -1,46 +1,56 @@
-"""The schema of a section: dataclass fields with a source, a meaning, bounds and choices."""
+"""The schema of a section: dataclass fields with a meaning, a source, bounds and choices."""
 
 import difflib
+import inspect
 import math
 import re
 import sys
 from collections.abc import Iterable
 from dataclasses import field, fields
 from pathlib import PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 from drl_av.errors import ConfigError
 
 
 def setting(
     default: Any,
-    source: str,
-    meaning: str,
     *,
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] | None = None,
 ) -> Any:
-    """Define a field of a section.
+    """Define a field with bounds or choices; ``meanings`` reads what the class says of it.
 
     Args:
         default: The default value; its type is the type of the setting.
-        source: The source of the default, for example "Table I" or "ours".
-        meaning: The meaning of the setting; TOML files and the docs show it.
         low: The smallest allowed value; None sets no lower bound.
         high: The largest allowed value; None sets no upper bound.
         choices: The allowed strings; None allows every string.
     """
-    return field(
-        default=default,
-        metadata={
-            "source": source,
-            "meaning": meaning,
-            "low": low,
-            "high": high,
-            "choices": choices,
-        },
-    )
+    return field(default=default, metadata={"low": low, "high": high, "choices": choices})
+
+
+class Meaning(NamedTuple):
+    """What the docstring of a class says of one of its settings."""
+
+    text: str
+    source: str
+    """The source of the default, for example "Table I" or "ours"."""
+
+
+def meanings(described: type) -> dict[str, Meaning]:
+    """Return the meaning of each setting of a class, by name.
+
+    The docstrings of the class and of its base classes have a line ``NAME: MEANING (SOURCE)`` for
+    each, which goes on in lines that are indented.
+    """
+    found: dict[str, Meaning] = {}
+    for kind in described.__mro__:
+        text = re.sub(r"\n +", " ", inspect.cleandoc(kind.__doc__ or ""))
+        for name, meaning, source in re.findall(r"^(\w+): (.*) \(([^()]*)\)$", text, re.MULTILINE):
+            found.setdefault(name, Meaning(meaning, source))
+    return found
 
 
 def did_you_mean(word: object, names: Iterable[str]) -> str:
@@ -79,7 +89,7 @@ class Section:
     def __post_init__(self) -> None:
         for item in fields(self):  # type: ignore[arg-type]
             value = getattr(self, item.name)
-            meta = item.metadata
+            choices = item.metadata.get("choices")
             where = f"{section_name(type(self))}.{item.name}"
             kind = type(item.default)
             if type(value) is not kind:
@@ -88,14 +98,14 @@ class Section:
             if type(value) is not kind:
                 name = "list" if kind is tuple else kind.__name__
                 raise ConfigError(f"{where} is {value!r}, but must be of type {name}.")
-            if meta["choices"] is not None and value not in meta["choices"]:
+            if choices is not None and value not in choices:
                 raise ConfigError(
-                    f"{where} is {value!r}{did_you_mean(value, meta['choices'])}, "
-                    f"but must be one of: {', '.join(meta['choices'])}."
+                    f"{where} is {value!r}{did_you_mean(value, choices)}, "
+                    f"but must be one of: {', '.join(choices)}."
                 )
             if isinstance(value, float) and not math.isfinite(value):
                 raise ConfigError(f"{where} is {value}, but must be a finite number.")
-            low, high = meta["low"], meta["high"]
+            low, high = item.metadata.get("low"), item.metadata.get("high")
             if (low is not None and value < low) or (high is not None and value > high):
                 bounds = f"at least {low}" if high is None else f"from {low} to {high}"
                 raise ConfigError(f"{where} is {value}, but must be {bounds}.")

@@ -1,8 +1,10 @@
-"""Settings of the background traffic: the vehicles around the ego."""
+"""Settings of the background traffic, the vehicles around the ego, and its kinds by name."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
-from drl_av.config.schema import Section, setting
+from drl_av.config.schema import Section, did_you_mean, setting
 from drl_av.errors import ConfigError
 
 STANDSTILL_GAP_M = 2.5
@@ -13,126 +15,84 @@ CONGESTED_M_S = 60 / 3.6
 
 @dataclass(frozen=True)
 class TrafficConfig(Section):
-    """The background traffic: the number of vehicles, and the ranges of their random parameters."""
+    """The background traffic: the number of vehicles, and the ranges of their random parameters.
 
-    vehicles_min: int = setting(
-        1, "Sec. IV-B", "fewest vehicles besides the ego in an episode", low=0, high=1000
-    )
-    vehicles_max: int = setting(
-        30, "Sec. IV-B", "N_T, most vehicles besides the ego in an episode", low=0, high=1000
-    )
-    presets: tuple[str, ...] = setting(
-        (),
-        "ours",
-        "kinds of traffic of which each episode draws one; only the numbers of vehicles may then "
-        "be set",
-    )
-    desired_speed_min_m_s: float = setting(20.0, "ours", "lowest desired speed", low=0, high=60)
-    desired_speed_max_m_s: float = setting(32.0, "ours", "highest desired speed", low=0.1, high=60)
-    headway_min_s: float = setting(0.8, "ours", "shortest headway of SUMO's IDM", low=0.5, high=10)
-    headway_max_s: float = setting(1.4, "ours", "longest headway of SUMO's IDM", low=0.5, high=10)
-    acceleration_min_m_s2: float = setting(
-        1.0, "ours", "smallest acceleration of SUMO's IDM", low=0.1, high=10
-    )
-    acceleration_max_m_s2: float = setting(
-        2.0, "ours", "largest acceleration of SUMO's IDM", low=0.1, high=10
-    )
-    speed_gain_min: float = setting(
-        0.0,
-        "ours",
-        "smallest lcSpeedGain of SUMO, the eagerness to change lanes for speed",
-        low=0,
-        high=100,
-    )
-    speed_gain_max: float = setting(
-        0.0,
-        "ours",
-        "largest lcSpeedGain of SUMO; 0: all lane changes are random",
-        low=0,
-        high=100,
-    )
-    random_lane_changes_per_s: float = setting(
-        0.002, "ours", "rate at which a vehicle requests a random lane change", low=0, high=1
-    )
-    lane_evenness: float = setting(
-        2.0,
-        "ours",
-        "parameter of the Dirichlet distribution that draws the share of each lane; a large value "
-        "makes the shares nearly equal",
-        low=0.01,
-        high=1000,
-    )
-    start_gap_m: float = setting(
-        8.0,
-        "ours",
-        "smallest gap, bumper to bumper, between vehicles of a lane at the start",
-        low=STANDSTILL_GAP_M,
-        high=100,
-    )
-    finite_state_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a finite-state machine drives a vehicle", low=0, high=1
-    )
-    level_0_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle is a level-0 driver", low=0, high=1
-    )
-    level_1_share: float = setting(
-        0.0, "Sec. IV-B", "chance that a vehicle is a level-1 driver", low=0, high=1
-    )
-    keep_stopping_distance: bool = setting(
-        False,
-        "ours",
-        "whether vehicles that SUMO drives stay slow enough to stop behind the one ahead, which "
-        "IDM alone does not ensure; beside finite-state and level-k drivers they do so in any case",
-    )
-    overtake_right: bool = setting(
-        False, "SUMO", "whether SUMO's drivers may pass a vehicle on the right above 60 km/h"
-    )
-    standing_share: float = setting(
-        0.0,
-        "ours",
-        "chance that a vehicle almost stands: its desired speed is 0.1 m/s",
-        low=0,
-        high=1,
-    )
-    crawling_share: float = setting(
-        0.0, "ours", "chance that a vehicle crawls, with a low desired speed", low=0, high=1
-    )
-    crawling_speed_max_m_s: float = setting(
-        8.0, "ours", "highest desired speed of a crawling vehicle", low=0.1, high=60
-    )
-    fast_share: float = setting(
-        0.0, "ours", "chance that a vehicle is fast and overtakes often", low=0, high=1
-    )
-    fast_speed_m_s: float = setting(
-        38.0, "ours", "desired speed of a fast vehicle", low=0.1, high=60
-    )
-    fast_speed_gain: float = setting(5.0, "ours", "lcSpeedGain of a fast vehicle", low=0, high=100)
-    hard_braking_share: float = setting(
-        0.0,
-        "ours",
-        "chance that a finite-state machine drives a vehicle and brakes hard at random times",
-        low=0,
-        high=1,
-    )
-    hard_brakes_per_s: float = setting(
-        0.02, "ours", "rate at which a hard-braking vehicle begins to brake hard", low=0, high=1
-    )
-    hard_brake_s: int = setting(
-        3, "ours", "duration of one hard braking, whole seconds", low=1, high=60
-    )
+    vehicles_min: fewest vehicles besides the ego in an episode (Sec. IV-B)
+    vehicles_max: N_T, most vehicles besides the ego in an episode (Sec. IV-B)
+    presets: kinds of traffic of which each episode draws one; only the numbers of vehicles may then
+        be set (ours)
+    desired_speed_min_m_s: lowest desired speed (ours)
+    desired_speed_max_m_s: highest desired speed (ours)
+    headway_min_s: shortest headway of SUMO's IDM (ours)
+    headway_max_s: longest headway of SUMO's IDM (ours)
+    acceleration_min_m_s2: smallest acceleration of SUMO's IDM (ours)
+    acceleration_max_m_s2: largest acceleration of SUMO's IDM (ours)
+    speed_gain_min: smallest lcSpeedGain of SUMO, the eagerness to change lanes for speed (ours)
+    speed_gain_max: largest lcSpeedGain of SUMO; 0: all lane changes are random (ours)
+    random_lane_changes_per_s: rate at which a vehicle requests a random lane change (ours)
+    lane_evenness: parameter of the Dirichlet distribution that draws the share of each lane; a
+        large value makes the shares nearly equal (ours)
+    start_gap_m: smallest gap, bumper to bumper, between vehicles of a lane at the start (ours)
+    finite_state_share: chance that a finite-state machine drives a vehicle (Sec. IV-B)
+    level_0_share: chance that a vehicle is a level-0 driver (Sec. IV-B)
+    level_1_share: chance that a vehicle is a level-1 driver (Sec. IV-B)
+    keep_stopping_distance: whether vehicles that SUMO drives stay slow enough to stop behind the
+        one ahead, which IDM alone does not ensure; beside finite-state and level-k drivers they do
+        so in any case (ours)
+    overtake_right: whether SUMO's drivers may pass a vehicle on the right above 60 km/h (SUMO)
+    standing_share: chance that a vehicle almost stands: its desired speed is 0.1 m/s (ours)
+    crawling_share: chance that a vehicle crawls, with a low desired speed (ours)
+    crawling_speed_max_m_s: highest desired speed of a crawling vehicle (ours)
+    fast_share: chance that a vehicle is fast and overtakes often (ours)
+    fast_speed_m_s: desired speed of a fast vehicle (ours)
+    fast_speed_gain: lcSpeedGain of a fast vehicle (ours)
+    hard_braking_share: chance that a finite-state machine drives a vehicle and brakes hard at
+        random times (ours)
+    hard_brakes_per_s: rate at which a hard-braking vehicle begins to brake hard (ours)
+    hard_brake_s: duration of one hard braking, whole seconds (ours)
+    truck_share: chance that a vehicle is a truck (ours)
+    truck_length_m: length of a truck (ours)
+    truck_width_m: width of a truck (ours)
+    truck_speed_min_m_s: lowest desired speed of a truck (ours)
+    truck_speed_max_m_s: highest desired speed of a truck (ours)
+    truck_acceleration_m_s2: acceleration of a truck (ours)
+    """
 
-    truck_share: float = setting(0.0, "ours", "chance that a vehicle is a truck", low=0, high=1)
-    truck_length_m: float = setting(12.0, "ours", "length of a truck", low=1, high=25)
-    truck_width_m: float = setting(2.5, "ours", "width of a truck", low=0.5, high=5)
-    truck_speed_min_m_s: float = setting(
-        22.0, "ours", "lowest desired speed of a truck", low=0, high=60
-    )
-    truck_speed_max_m_s: float = setting(
-        27.0, "ours", "highest desired speed of a truck", low=0.1, high=60
-    )
-    truck_acceleration_m_s2: float = setting(
-        0.7, "ours", "acceleration of a truck", low=0.1, high=10
-    )
+    vehicles_min: int = setting(1, low=0, high=1000)
+    vehicles_max: int = setting(30, low=0, high=1000)
+    presets: tuple[str, ...] = ()
+    desired_speed_min_m_s: float = setting(20.0, low=0, high=60)
+    desired_speed_max_m_s: float = setting(32.0, low=0.1, high=60)
+    headway_min_s: float = setting(0.8, low=0.5, high=10)
+    headway_max_s: float = setting(1.4, low=0.5, high=10)
+    acceleration_min_m_s2: float = setting(1.0, low=0.1, high=10)
+    acceleration_max_m_s2: float = setting(2.0, low=0.1, high=10)
+    speed_gain_min: float = setting(0.0, low=0, high=100)
+    speed_gain_max: float = setting(0.0, low=0, high=100)
+    random_lane_changes_per_s: float = setting(0.002, low=0, high=1)
+    lane_evenness: float = setting(2.0, low=0.01, high=1000)
+    start_gap_m: float = setting(8.0, low=STANDSTILL_GAP_M, high=100)
+    finite_state_share: float = setting(0.0, low=0, high=1)
+    level_0_share: float = setting(0.0, low=0, high=1)
+    level_1_share: float = setting(0.0, low=0, high=1)
+    keep_stopping_distance: bool = False
+    overtake_right: bool = False
+    standing_share: float = setting(0.0, low=0, high=1)
+    crawling_share: float = setting(0.0, low=0, high=1)
+    crawling_speed_max_m_s: float = setting(8.0, low=0.1, high=60)
+    fast_share: float = setting(0.0, low=0, high=1)
+    fast_speed_m_s: float = setting(38.0, low=0.1, high=60)
+    fast_speed_gain: float = setting(5.0, low=0, high=100)
+    hard_braking_share: float = setting(0.0, low=0, high=1)
+    hard_brakes_per_s: float = setting(0.02, low=0, high=1)
+    hard_brake_s: int = setting(3, low=1, high=60)
+
+    truck_share: float = setting(0.0, low=0, high=1)
+    truck_length_m: float = setting(12.0, low=1, high=25)
+    truck_width_m: float = setting(2.5, low=0.5, high=5)
+    truck_speed_min_m_s: float = setting(22.0, low=0, high=60)
+    truck_speed_max_m_s: float = setting(27.0, low=0.1, high=60)
+    truck_acceleration_m_s2: float = setting(0.7, low=0.1, high=10)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -176,3 +136,102 @@ class TrafficConfig(Section):
     def unusual_shares(self) -> tuple[float, float, float]:
         """The shares (0 to 1) of standing, crawling and fast vehicles in the background traffic."""
         return self.standing_share, self.crawling_share, self.fast_share
+
+
+class TrafficPreset(NamedTuple):
+    """A kind of traffic: its meaning, and the settings of [traffic] that it changes."""
+
+    meaning: str
+    settings: Mapping[str, tuple[Any, str]]
+    """Maps the name of each changed setting to a pair: its value, and the source of this value."""
+
+
+_A_QUARTER = 0.25, "Sec. IV-B names these drivers; a quarter of each is ours"
+_BY_SUMO = 1.0, "SUMO's default lcSpeedGain"
+_KUSARI = "Kusari, arXiv:2109.11620: 1.19 +- 0.26, two standard deviations to each side"
+_TRUCK_LIMIT = "ours: about 60 mph, a limit for trucks in the United States"
+_FITTED = "fitted to speed, time gap and range of the SPMD and IVBSS studies"
+"""Fitted with ``verification/traffic_moments.py``, without regard to the ego's results."""
+
+TRAFFIC_PRESETS: dict[str, TrafficPreset] = {
+    "calm": TrafficPreset("lane changes are random only; no driver overtakes", {}),
+    "paper": TrafficPreset(
+        "IDM, finite-state, level-0 and level-1 drivers, a quarter of each",
+        {
+            "finite_state_share": _A_QUARTER,
+            "level_0_share": _A_QUARTER,
+            "level_1_share": _A_QUARTER,
+        },
+    ),
+    "overtaking": TrafficPreset(
+        "SUMO's drivers change lanes to get ahead",
+        {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
+    ),
+    "naturalistic": TrafficPreset(
+        "speeds, gaps and lane changes similar to those measured on US highways, and trucks",
+        {
+            "desired_speed_min_m_s": (34.0, f"{_FITTED}; 35.5 on I-24, CorridorCalibration 3b"),
+            "desired_speed_max_m_s": (40.0, "the road's speed limit"),
+            "headway_min_s": (0.5, "SUMO's step; IDM keeps more near its desired speed"),
+            "headway_max_s": (0.87, _FITTED),
+            "acceleration_min_m_s2": (0.67, _KUSARI),
+            "acceleration_max_m_s2": (1.71, _KUSARI),
+            "speed_gain_min": (0.6, "fitted to highD's 0.12 lane changes a vehicle-km"),
+            "speed_gain_max": (0.6, "the same"),
+            "random_lane_changes_per_s": (0.0, "every lane change is for speed"),
+            "overtake_right": (True, "usual on US highways, where the other values were measured"),
+            "keep_stopping_distance": (True, "ours"),
+            "truck_share": (0.1, "10 to 20 % of the vehicles on highways"),
+            "truck_length_m": (12.0, "ours"),
+            "truck_width_m": (2.5, "ours"),
+            "truck_speed_min_m_s": (25.0, _TRUCK_LIMIT),
+            "truck_speed_max_m_s": (28.0, _TRUCK_LIMIT),
+            "truck_acceleration_m_s2": (0.67, "ours: as the weakest car"),
+        },
+    ),
+    "hazards": TrafficPreset(
+        "standing, crawling, hard-braking and fast vehicles, and lane changes into one lane from "
+        "both sides",
+        {
+            "speed_gain_min": _BY_SUMO,
+            "speed_gain_max": _BY_SUMO,
+            "standing_share": (0.01, "ours: 0.4 of 40 vehicles"),
+            "crawling_share": (0.02, "ours"),
+            "crawling_speed_max_m_s": (8.0, "ours: below 30 km/h"),
+            "fast_share": (0.1, "ours"),
+            "fast_speed_m_s": (38.0, "ours: 8 m/s above the ego's highest speed"),
+            "fast_speed_gain": (5.0, "ours"),
+            "hard_braking_share": (0.15, "ours"),
+            "hard_brakes_per_s": (0.02, "ours: once in 50 s"),
+            "hard_brake_s": (3, "ours: at strict's bound, from 30 m/s down to 18"),
+            "keep_stopping_distance": (True, "ours"),
+            "random_lane_changes_per_s": (0.01, "ours: five times that of calm, to both sides"),
+        },
+    ),
+}
+SINGLE_PRESETS = tuple(TRAFFIC_PRESETS)
+"""The kinds of traffic except ``all``, for which each episode draws one of these."""
+TRAFFIC_PRESETS["all"] = TrafficPreset(
+    "each episode draws one of the other kinds", {"presets": (SINGLE_PRESETS, "ours")}
+)
+
+
+def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
+    """Return the settings of the kind of traffic ``name``.
+
+    ``vehicles_min`` and ``vehicles_max`` are those of ``traffic``.
+
+    Raises:
+        ConfigError: there is no such kind; the message suggests the nearest name.
+    """
+    if not isinstance(name, str) or name not in TRAFFIC_PRESETS:
+        raise ConfigError(
+            f"There is no kind of traffic {name!r}{did_you_mean(name, TRAFFIC_PRESETS)}; "
+            f"the kinds are: {', '.join(TRAFFIC_PRESETS)}."
+        )
+    found = TRAFFIC_PRESETS[name].settings
+    return TrafficConfig(
+        vehicles_min=traffic.vehicles_min,
+        vehicles_max=traffic.vehicles_max,
+        **{key: value for key, (value, _) in found.items()},
+    )

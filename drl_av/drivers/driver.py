@@ -1,13 +1,12 @@
-"""The interface of the drivers of the ego, and the decisions of background vehicles."""
+"""The interface of the drivers of the ego."""
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
-from drl_av.road.road import FloatArray
 
 
 class Driver(Protocol):
@@ -26,11 +25,3 @@ class Driver(Protocol):
         ``observation`` is the environment's observation of this scene. By default it holds the 27
         affordance indicators, scaled to about [-1, 1].
         """
-
-
-class Decisions(NamedTuple):
-    """Decisions of R background vehicles for one decision interval; arrays of shape (R,)."""
-
-    acceleration_m_s2: FloatArray
-    side: npt.NDArray[np.intp]
-    """The requested lane change: +1 to the left, -1 to the right, 0 none."""

@@ -2,16 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, LearningConfig, MobilConfig
+from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Float32Array, QNetwork, forward
 from drl_av.drivers.policy_file import load_run
-from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
+from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.affordances import Affordances, observed_indicators
 from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
@@ -29,8 +28,6 @@ URGENT_M = 250.0
 lanes even if the vehicle behind must brake hard for it (ours)."""
 CHANGES_LANE = np.array([action.lateral is not Lateral.KEEP for action in ACTIONS])
 """For each action number, whether the action is a lane change; bool, shape (12,)."""
-CHANGES_SPEED = np.array([action.longitudinal is not Longitudinal.MAINTAIN for action in ACTIONS])
-"""For each action number, whether the action accelerates or brakes; bool, shape (12,)."""
 
 
 def network_values(network: QNetwork) -> Values:
@@ -119,88 +116,54 @@ def _may_begin(affordances: Affordances, sign: int, mobil: MobilConfig) -> bool:
     return rear is None or acceleration_behind_ego(affordances, rear, mobil) >= limit
 
 
-MARGINS = ("lane_change_margin", "abort_margin", "acceleration_margin")
-"""The settings of ``[learning]`` that are margins, in the order of ``Margins``."""
-
-
-class Margins(NamedTuple):
-    """The advantages in Q-value that an action needs in order to be chosen (ours)."""
-
-    lane_change: float = 0.0
-    """For starting a lane change, instead of keeping the lane."""
-    abort: float = 0.0
-    """For aborting a lane change, instead of going on with it."""
-    acceleration: float = 0.0
-    """For accelerating or braking, instead of keeping the speed."""
-
-    @classmethod
-    def of(cls, learning: LearningConfig) -> "Margins":
-        """Return the margins of the settings ``learning``."""
-        return cls(*(getattr(learning, name) for name in MARGINS))
-
-    def action_penalties(self, changing: bool) -> Float32Array:
-        """Return the margin that is subtracted from the Q-value of each action, shape (12,).
-
-        ``changing`` says whether a lane change is in progress. If it is, the actions to the left
-        and to the right lose the margin for aborts, because *keep* continues the lane change.
-        """
-        lateral = self.abort if changing else self.lane_change
-        return (lateral * CHANGES_LANE + self.acceleration * CHANGES_SPEED).astype(np.float32)
-
-
-NO_MARGINS = Margins()
-"""The margins of the paper: none."""
+def margin_penalties(lane_change_margin: float) -> Float32Array:
+    """Return what each action's Q-value loses while no lane change is in progress, shape (12,)."""
+    return (lane_change_margin * CHANGES_LANE).astype(np.float32)
 
 
 class LearnedDriver(Driver):
-    """Chooses the action whose Q-value minus its margin is greatest (ours).
+    """Chooses the action with the greatest Q-value, and starts a lane change by a margin (ours).
 
-    Without margins, small errors of the networks have two effects. Between equally good lanes the
-    ego may start a lane change and abort it at the next decision. At the right speed it may
-    accelerate and brake in turn. The margins prevent both.
+    Without a margin, small errors of the networks may start a lane change between equally good
+    lanes, and abort it at the next decision.
 
     Args:
         values: The function from an observation to the Q-values.
-        margins: The margins, differences of Q-values.
+        lane_change_margin: What a lane change must be worth more than keeping the lane in order to
+            start, a difference of Q-values; 0 in the paper.
         permission: If given, the driver chooses only among the actions that it may propose.
     """
 
     def __init__(
         self,
         values: Values,
-        margins: Margins = NO_MARGINS,
+        lane_change_margin: float = 0.0,
         permission: Permission | None = None,
     ) -> None:
-        self.values = values
-        self.margins, self._permission = margins, permission
-        self._penalties = (
-            margins.action_penalties(changing=False),
-            margins.action_penalties(changing=True),
-        )
-
-    def with_margins(self, margins: Margins) -> "LearnedDriver":
-        """Return a driver with the same Q-values and permission, and other margins."""
-        return LearnedDriver(self.values, margins, self._permission)
+        self.values, self.lane_change_margin = values, lane_change_margin
+        self._permission = permission
+        self._penalties = margin_penalties(lane_change_margin)
 
     def limited_to(self, permission: Permission) -> "LearnedDriver":
         """Return a driver that chooses only among the actions which ``permission`` admits."""
-        return LearnedDriver(self.values, self.margins, permission)
+        return LearnedDriver(self.values, self.lane_change_margin, permission)
 
     def greedy(self, s_t: Float32Array) -> int:
-        """Return the number of the greedy action, argmax_a Q(s_t, a), without margins.
+        """Return the number of the greedy action, argmax_a Q(s_t, a), without the margin.
 
         The training chooses it with probability 1 - epsilon (Algorithm 1 of the paper, line 5).
         """
         return int(self.values(s_t).argmax())
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the action whose Q(s, a) minus its margin is greatest.
+        """Return the action whose Q(s, a), less the margin, is greatest.
 
         With a permission, the maximum is over the actions that it admits, or over all actions if
         it admits none.
         """
         values = self.values(observation)
-        values -= self._penalties[scene.lane_change is not None]
+        if scene.lane_change is None:
+            values -= self._penalties
         best = ACTIONS[values.argmax()]
         if self._permission is None:
             return best
@@ -209,7 +172,7 @@ class LearnedDriver(Driver):
 
 
 def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDriver:
-    """Build the driver that follows these networks, with the mirror and margins of ``config``.
+    """Build the driver that follows these networks, with the mirror and margin of ``config``.
 
     Several networks form an ensemble. The driver always uses their current weights, also while
     they are trained.
@@ -218,7 +181,7 @@ def learned_driver(networks: Sequence[QNetwork], config: Config) -> LearnedDrive
     if config.learning.mirrored:
         mirror = mirror_of(observed_indicators(config.observation))
         members = [mirrored_values(values, mirror) for values in members]
-    return LearnedDriver(mean_values(members), Margins.of(config.learning))
+    return LearnedDriver(mean_values(members), config.learning.lane_change_margin)
 
 
 def load_learned(path: Path) -> tuple[LearnedDriver, Config]:

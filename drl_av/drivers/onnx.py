@@ -1,6 +1,6 @@
 """Writes a learned driver as one ONNX graph, and drives with the networks of ONNX files (ours).
 
-A written graph includes scaling, mirror, ensemble and margins.
+A written graph includes scaling, mirror, ensemble and margin.
 """
 
 import json
@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.learned import Margins
-from drl_av.drivers.network import LEAK, QNetwork
+from drl_av.drivers.learned import margin_penalties
+from drl_av.drivers.network import LEAK, Float32Array, QNetwork
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.mirror import MIRROR
@@ -67,15 +67,15 @@ OUTPUTS = (
         "int64",
         None,
         "number of the action with the greatest Q-value, 4 * lateral (keep, right, left) + "
-        "longitudinal (maintain, accelerate, brake, hard brake); each Q-value first loses the "
-        "margin of its action",
+        "longitudinal (maintain, accelerate, brake, hard brake); a lane change starts "
+        "only if it is worth the margin more than keeping the lane",
     ),
-    Port("q", "float32", len(ACTIONS), "Q-values of the actions, without the margins"),
+    Port("q", "float32", len(ACTIONS), "Q-values of the actions, without the margin"),
 )
 INSIDE = (
     "The file contains the scaling and clipping of the indicators, all networks and their mean, "
-    "the mean over the scene and its mirror image if the driver was trained so, and the margins "
-    "for starting and aborting lane changes and for accelerations. It has no safety check. One "
+    "the mean over the scene and its mirror image if the driver was trained so, and the margin "
+    "for starting lane changes. It has no safety check. One "
     "call is one decision, for the next second."
 )
 
@@ -91,19 +91,16 @@ def described() -> str:
 
 
 def metadata(config: Config) -> dict[str, str]:
-    """Return the metadata of an exported driver: its config, indicators, actions and margins.
+    """Return the metadata of an exported driver: its config, indicators, actions and margin.
 
-    ``indicators`` and ``actions`` are JSON lists, ``config`` is TOML, and each margin is a number.
+    ``indicators`` and ``actions`` are JSON lists, ``config`` is TOML, and the margin is a number.
     """
     indicators = [{"name": name, "meaning": indicator_meaning(name)} for name in INDICATORS]
     return {
         "config": config.to_toml(),
         "indicators": json.dumps(indicators),
         "actions": json.dumps([str(action) for action in ACTIONS]),
-        **{
-            f"{name}_margin": repr(margin)
-            for name, margin in Margins.of(config.learning)._asdict().items()
-        },
+        "lane_change_margin": repr(config.learning.lane_change_margin),
     }
 
 
@@ -167,7 +164,7 @@ def export(
     for member in members[1:]:
         total = graph.add("Add", total, member)
     q = graph.add("Div", total, graph.constant(np.float32(len(members))), name="q")
-    _chosen(graph, q, Margins.of(config.learning))
+    _chosen(graph, q, margin_penalties(config.learning.lane_change_margin))
     helper, inputs, outputs = onnx.helper, *(_described(ports) for ports in (INPUTS, OUTPUTS))
     made = helper.make_graph(
         graph.nodes, "drl_av_driver", inputs, outputs, graph.constants, doc_string=INSIDE
@@ -226,11 +223,11 @@ def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
     return s
 
 
-def _chosen(graph: _Graph, q: str, margins: Margins) -> None:
+def _chosen(graph: _Graph, q: str, penalties: Float32Array) -> None:
     """Add nodes that choose the action as ``LearnedDriver.act`` does; the output is ``action``."""
     began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
-    prices = (graph.constant(margins.action_penalties(changing)) for changing in (True, False))
-    worth = graph.add("Sub", q, graph.add("Where", began, *prices))
+    lost = (graph.constant(values) for values in (np.zeros_like(penalties), penalties))
+    worth = graph.add("Sub", q, graph.add("Where", began, *lost))
     graph.add("ArgMax", worth, name="action", axis=1, keepdims=0)
 
 

@@ -26,11 +26,10 @@ PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package, in the layout of a run."""
 SHIPPED = {"pretrained": PRETRAINED} | {
     f"pretrained-{name}": PRETRAINED / name
-    for name in ("smooth", "paper", "large", "merge", "exit", "ramp_to_ramp")
+    for name in ("paper", "large", "merge", "exit", "ramp_to_ramp")
 }
-"""The folder of each driver that ships with the package, by the driver's name. Four are for the
-loop: ``pretrained``; ``pretrained-smooth``, which has the same networks, and also margins for
-accelerations and aborts; ``pretrained-paper``, trained with the paper's schedule; and
+"""The folder of each driver that ships with the package, by the driver's name. Three are for the
+loop: ``pretrained``; ``pretrained-paper``, trained with the paper's schedule; and
 ``pretrained-large``, trained at scale. Each of the others is for one kind of road with a ramp."""
 FORMAT = "drl_av/1"
 """The only key in the metadata of a file. One key keeps files reproducible: safetensors writes

@@ -1,7 +1,6 @@
 """Finds and makes the drivers of the ego by name: rule-based, shipped, learned and external ones.
 
-To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``. The command line help
-then lists it.
+To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``.
 """
 
 import os
@@ -21,16 +20,13 @@ from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
 from drl_av.drivers.learned import (
-    MARGINS,
     LearnedDriver,
-    Margins,
     load_learned,
     require_same_observation,
     respects_mobil,
 )
 from drl_av.drivers.masked_policy import actor_driver, is_actor, load_actor
 from drl_av.drivers.network import Layers
-from drl_av.drivers.planner.driver import PlannerDriver
 from drl_av.drivers.rule_based import (
     TUNED,
     GapMobilDriver,
@@ -40,6 +36,7 @@ from drl_av.drivers.rule_based import (
     NoPassingOnTheRight,
     RandomDriver,
     SumoDriver,
+    require_world,
 )
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import ConfigError, DrlAvWarning, printable
@@ -58,7 +55,6 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "sumo-tuned": lambda config: SumoDriver(
         TUNED._replace(overtake_right=config.ego.overtake_right)
     ),
-    "planner": PlannerDriver,
     "random": lambda config: RandomDriver(),
 }
 """For each rule-based driver, by name, the function that makes it from an environment's config.
@@ -67,7 +63,7 @@ Each worker process has its own copy of this table. An evaluation with a driver 
 adds at run time can therefore use one process only.
 """
 
-DRIVES_UNDER = {"pretrained": "strict", "pretrained-smooth": "strict"}
+DRIVES_UNDER = {"pretrained": "strict"}
 """The safety check under which a shipped driver drives by default, if its training had another."""
 
 DRIVER_FILES = (".safetensors", *LOADERS)
@@ -133,12 +129,8 @@ def driver_names() -> tuple[str, ...]:
 
 
 def baselines(names: Iterable[str]) -> list[str]:
-    """Return those names that belong to baselines, with which other drivers are compared.
-
-    The baselines are the rule-based drivers except ``planner``, which searches among plans.
-    """
-    rules = {*RULE_DRIVERS} - {"planner"}
-    return [name for name in dict.fromkeys(names) if _without_check(name) in rules]
+    """Return those names that belong to rule-based drivers, with which others are compared."""
+    return [name for name in dict.fromkeys(names) if _without_check(name) in RULE_DRIVERS]
 
 
 def _without_check(name: str) -> str:
@@ -232,7 +224,7 @@ def _unknown(word: str) -> ConfigError:
 def default_config(specs: Sequence[DriverSpec]) -> Config:
     """Return the config of the first learned driver, or the default config without one.
 
-    It is the config of the driver's training, with the safety check of ``DRIVES_UNDER``.
+    It is that of the driver's training, in SUMO, with the safety check of ``DRIVES_UNDER``.
 
     Raises:
         RunError: the run of that driver does not exist, or has not saved a policy yet.
@@ -240,7 +232,7 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
     """
     for spec in specs:
         if found := spec.learned or spec.actor:
-            config, check = found[1], spec.under or spec.check
+            config, check = found[1].updated("simulation", world="sumo"), spec.under or spec.check
             return config.updated("safety", check=check) if check else config
     return Config()
 
@@ -282,17 +274,14 @@ def driving_config(
 
     ``given`` is the argument ``config`` of the public functions. A dictionary or a TOML file
     changes settings of ``default_config``, in the kind of traffic ``traffic`` if there is one. A
-    Config or a preset replaces all settings but the margins of the first learned driver.
+    Config or a preset replaces all settings.
 
     Raises:
         ConfigError: ``given`` is no config, or a setting in it is wrong.
         RunError, CheckpointError: as ``default_config``.
     """
     own = default_config(specs)
-    config = as_config(given, own if traffic is None else own.with_traffic(traffic))
-    names = MARGINS if is_complete(given) else ()
-    margins = {name: getattr(own.learning, name) for name in names}
-    return config.updated("learning", **margins)
+    return as_config(given, own if traffic is None else own.with_traffic(traffic))
 
 
 def make_drivers(
@@ -303,8 +292,7 @@ def make_drivers(
 ) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    If ``config.learning`` has the margins of the first learned driver, each learned driver keeps
-    its own. Otherwise all learned drivers use those of ``config.learning``, even if they are 0.
+    A learned driver keeps the [learning] settings of its training, such as its margin.
     ``check`` is the environment's safety check; by default it is made if a driver asks it.
     ``observed`` is the number of values of the environment's observation, if that is the user's.
 
@@ -316,8 +304,6 @@ def make_drivers(
         ConfigError: a factory does not work, or no rule-based driver has the name.
     """
     drivers: dict[str, Driver] = {}
-    trained = [Margins.of(spec.learned[1].learning) for spec in specs if spec.learned]
-    margins = Margins.of(config.learning)
 
     def its_check(spec: DriverSpec) -> SafetyCheck:
         return _check(spec.config(config)) if check is None or spec.under else check
@@ -331,7 +317,7 @@ def make_drivers(
             require_same_observation(name, own, config)
             if own.learning.permitted_only:
                 driver = driver.limited_to(respects_mobil(its_check(spec), config.mobil))
-            drivers[name] = driver if margins == trained[0] else driver.with_margins(margins)
+            drivers[name] = driver
         elif spec.own is not None:
             drivers[name] = spec.own
         elif not spec.is_external:
@@ -357,14 +343,15 @@ def rule_driver(name: str, config: Config) -> Driver:
     A rule-based driver passes on the right only if ``ego.overtake_right`` permits it.
 
     Raises:
-        ConfigError: there is no such driver, or the factory does not work.
+        ConfigError: there is no such driver in this world, or the factory does not work.
     """
-    if name not in RULE_DRIVERS and is_factory(name):
-        return driver_of_factory(name, config)
     if name not in RULE_DRIVERS:
+        if is_factory(name):
+            return driver_of_factory(name, config)
         raise _unknown(name)
     driver = RULE_DRIVERS[name](config)
-    if config.ego.overtake_right or isinstance(driver, SumoDriver | PlannerDriver):
+    require_world(driver, config.simulation.world)
+    if config.ego.overtake_right or isinstance(driver, SumoDriver):
         return driver
     return NoPassingOnTheRight(driver, config.ego)
 
@@ -383,7 +370,7 @@ def load_driver(
             stable-baselines3 zip file, an ONNX file, or a factory as ``module:factory``.
         config: The config of the environment, as in ``gymnasium.make``. A dictionary or a TOML file
             changes only the settings that it names; the others are the driver's own. A Config or a
-            preset replaces all settings but the driver's margins.
+            preset replaces all settings.
 
     Raises:
         ConfigError: there is no such driver, or a setting is wrong.

@@ -1,21 +1,44 @@
 """Rule-based drivers: those of Sec. IV-C of the paper, MOBIL, a gap rule, and SUMO itself."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import numbers
+from drl_av.compiled import compiled, numbers
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig, SimulationConfig
 from drl_av.config.traffic import CONGESTED_M_S
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.rules import idm_number, rule_action
-from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, ego_numbers, toward
-from drl_av.driving.affordances import Neighbor
-from drl_av.driving.car_following import MobilNumbers
+from drl_av.driving.actions import (
+    ACCELERATE,
+    ACTIONS,
+    LEFT,
+    RIGHT,
+    Action,
+    EgoNumbers,
+    Lateral,
+    Longitudinal,
+    acceleration_of,
+    ego_numbers,
+    toward,
+)
+from drl_av.driving.affordances import (
+    ALLOWED,
+    CHANGES,
+    NOBODY,
+    WITHIN,
+    IntArray,
+    Neighbor,
+    has_lane,
+    slot_of,
+)
+from drl_av.driving.car_following import MobilNumbers, idm_acceleration, time_gap_acceleration
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
+from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
 from drl_av.road.snapshot import EGO
-from drl_av.safety.paper import SafetyNumbers
+from drl_av.safety.paper import SafetyNumbers, gap_condition, safe_number, time_to_collision
 from drl_av.simulation.vehicle_calls import EgoModel
 
 
@@ -143,6 +166,15 @@ TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_righ
 not part of this project."""
 
 
+def require_world(driver: object, world: str) -> None:
+    """Raise ConfigError if a driver is SUMO's, or asks it, and the world is not SUMO."""
+    if world != "sumo" and isinstance(driver, SumoDriver | IdmSumoDriver):
+        raise ConfigError(
+            "SUMO drives or changes lanes for the drivers sumo, sumo-tuned and idm-sumo, but the "
+            f"world is the {world}: evaluate them in SUMO."
+        )
+
+
 class SumoDriver(Driver):
     """Lets SUMO's IDM and lane-change model SL2015 drive the ego, with the parameters ``model``.
 
@@ -160,3 +192,184 @@ class SumoDriver(Driver):
             "its name to drl_av.evaluate, or call env.unwrapped.hand_over(driver.model) after each "
             "reset and pass any action to step."
         )
+
+
+MANDATORY_BIAS_M_S2 = 4.0
+"""Largest bias of MOBIL's incentive criterion towards a mandatory lane change (ours)."""
+
+
+Mobil = MobilConfig | MobilNumbers
+
+
+@compiled
+def rule_action(
+    values: FloatArray,
+    codes: IntArray,
+    is_changing: bool,
+    length_m: float,
+    headway_s: float,
+    safety: SafetyNumbers,
+    ego: EgoNumbers,
+    mobil: MobilNumbers,
+) -> int:
+    """Return the number of the action of ``gap-mobil``, or of ``idm-mobil`` if the headway is 0.
+
+    ``is_changing`` says whether the ego is changing lanes; it then keeps to it. ``length_m`` is the
+    length of the ego, and ``headway_s`` the time gap that ``gap-mobil`` keeps.
+    """
+    longitudinal = (
+        gap_number(values, codes, headway_s, ego)
+        if headway_s > 0.0
+        else idm_number(values, codes, safety)
+    )
+    if is_changing:
+        return longitudinal
+    desired_m_s = min(ego.max_speed_m_s, values[ALLOWED])
+    side = mobil_side(values, codes, length_m, desired_m_s, mobil)
+    return longitudinal + 4 * (LEFT if side > 0 else RIGHT if side < 0 else 0)
+
+
+def idm_number(values: FloatArray, codes: IntArray, config: SafetyConfig | SafetyNumbers) -> int:
+    """Return the number of the action of the paper's IDM, with one added condition.
+
+    The action is to accelerate if T_C > T_A and the gap condition (eq. 3) holds, and otherwise
+    the safe action (eq. 4). T_C is the time to collision with the vehicle ahead, s, infinite
+    without a vehicle; T_A is ``config.accelerate_ttc_s``. The gap condition is ours: at equal
+    speeds T_C is infinite at any gap, so without it the ego would accelerate into the vehicle
+    ahead. ``config.printed_idm`` removes the condition, as in the paper.
+    """
+    if codes[0] == NOBODY:
+        return ACCELERATE
+    gap_m, closing_m_s = values[0], -values[1]
+    ttc_s = time_to_collision(gap_m, closing_m_s)
+    may_close_in = config.printed_idm or gap_condition(gap_m, closing_m_s, config)
+    if ttc_s > config.accelerate_ttc_s and may_close_in:
+        return ACCELERATE
+    return safe_number(ttc_s, config)
+
+
+def gap_number(
+    values: FloatArray, codes: IntArray, headway_s: float, ego: EgoConfig | EgoNumbers
+) -> int:
+    """Return the number of the action whose acceleration is nearest to that of the time-gap law.
+
+    If no vehicle ahead is in range, the action is to accelerate.
+    """
+    if codes[0] == NOBODY:
+        return ACCELERATE
+    wanted = time_gap_acceleration(values[24], values[0], -values[1], headway_s, ego)
+    nearest, least = 0, np.inf
+    for number in range(4):
+        off = abs(acceleration_of(number, ego) - wanted)
+        if off < least:
+            nearest, least = number, off
+    return nearest
+
+
+def mobil_side(
+    values: FloatArray, codes: IntArray, length_m: float, max_speed_m_s: float, mobil: Mobil
+) -> int:
+    """Return the lane change that MOBIL demands: +1 left, -1 right, 0 none.
+
+    It is the change to the lane with the larger gain, if MOBIL's safety and incentive criteria both
+    hold.
+    """
+    best, side = -np.inf, 0
+    for sign in (1, -1):
+        if has_lane(codes, sign):
+            bias = sign * mandatory_bias(codes[CHANGES], values[WITHIN])
+            gain = mobil_gain(values, codes, sign, length_m, max_speed_m_s, mobil) + bias
+            if gain > best:
+                best, side = gain, sign
+    return side if best > mobil.threshold_m_s2 else 0
+
+
+def mandatory_bias(lanes: int, within_m: float) -> float:
+    """Return MOBIL's bias towards mandatory lane changes, m/s^2, left positive (ours).
+
+    The arguments are the fields of ``MandatoryChange``. The bias grows while the distance that is
+    left for the lane changes shrinks. It is largest once this distance is ``LANE_CHANGE_DUE_M`` for
+    each lane change. It is 0 if none is mandatory.
+    """
+    share = abs(lanes) * LANE_CHANGE_DUE_M / max(within_m, 1.0)
+    return math.copysign(MANDATORY_BIAS_M_S2 * min(share, 1.0), lanes)
+
+
+def mobil_gain(
+    values: FloatArray,
+    codes: IntArray,
+    sign: int,
+    length_m: float,
+    max_speed_m_s: float,
+    mobil: Mobil,
+) -> float:
+    """Return the gain of a lane change to the left (+1) or right (-1), m/s^2.
+
+    The gain is the left side of MOBIL's incentive criterion (Kesting, Treiber and Helbing 2007),
+    a_c' - a_c + p (a_n' - a_n + a_o' - a_o). Here c is the ego, n its follower after the lane
+    change, o its follower before it, a' an acceleration after the lane change, a one before it, and
+    p the politeness. The gain is -inf if n would brake harder than the safety criterion permits.
+    """
+    front, desired = slot_of(sign), min(max_speed_m_s, values[ALLOWED])
+    new_follower = behind_ego(values, codes, front + 1, desired, mobil)
+    if new_follower < -mobil.safe_braking_m_s2:
+        return -np.inf
+    own = behind_leader(values, codes, front, desired, mobil) - behind_leader(
+        values, codes, 0, desired, mobil
+    )
+    others = (
+        new_follower
+        - without_ego(values, codes, front, length_m, desired, mobil)
+        + without_ego(values, codes, 0, length_m, desired, mobil)
+        - behind_ego(values, codes, 1, desired, mobil)
+    )
+    return own + mobil.politeness * others
+
+
+def behind_leader(
+    values: FloatArray, codes: IntArray, front: int, desired_m_s: float, mobil: Mobil
+) -> float:
+    """Return the ego's IDM acceleration behind the vehicle in the slot ``front``, m/s^2."""
+    if codes[front] == NOBODY:
+        return idm_acceleration(values[24], desired_m_s, np.inf, 0.0, mobil)
+    gap_m, closing_m_s = values[4 * front], -values[4 * front + 1]
+    return idm_acceleration(values[24], desired_m_s, gap_m, closing_m_s, mobil)
+
+
+def behind_ego(
+    values: FloatArray, codes: IntArray, rear: int, desired_m_s: float, mobil: Mobil
+) -> float:
+    """Return the IDM acceleration behind the ego of the vehicle in the slot ``rear``, m/s^2.
+
+    It is 0 without such a vehicle.
+    """
+    if codes[rear] == NOBODY:
+        return 0.0
+    faster_m_s = values[4 * rear + 1]
+    speed_m_s = values[24] + faster_m_s
+    return idm_acceleration(speed_m_s, desired_m_s, values[4 * rear], faster_m_s, mobil)
+
+
+def without_ego(
+    values: FloatArray,
+    codes: IntArray,
+    front: int,
+    length_m: float,
+    desired_m_s: float,
+    mobil: Mobil,
+) -> float:
+    """Return the IDM acceleration of the vehicle behind the ego in a lane without the ego, m/s^2.
+
+    ``front`` is the slot of the vehicle ahead of the ego in this lane, ``length_m`` the length of
+    the ego. The result is 0 without a vehicle behind.
+    """
+    rear = front + 1
+    if codes[rear] == NOBODY:
+        return 0.0
+    faster_m_s = values[4 * rear + 1]
+    speed_m_s = values[24] + faster_m_s
+    if codes[front] == NOBODY:
+        return idm_acceleration(speed_m_s, desired_m_s, np.inf, 0.0, mobil)
+    gap_m = values[4 * rear] + length_m + values[4 * front]
+    closing_m_s = faster_m_s - values[4 * front + 1]
+    return idm_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, mobil)

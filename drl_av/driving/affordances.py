@@ -16,11 +16,11 @@ from drl_av.road.road import (
     Road,
     SpeedLimit,
     allowed_speed,
-    around,
 )
 from drl_av.road.road_numbers import (
     RoadNumbers,
     allowed_speed_in,
+    around,
     is_beside,
     is_open,
     lane_end_m,

@@ -59,13 +59,16 @@ missing or damaged raises `ScenarioError`.
 
 ## Information
 `proposed_action, executed_action, rule, rewards, collision, collided_with, way, speed_m_s,
-indicators, seed, vehicles, action_mask`. No value is None, which some libraries refuse to
-store. `collision` and `collided_with` are texts, empty without a collision. `way` is `exit taken`,
-`exit missed`, `merged` or `not merged` once the ego has passed its exit or the end of its lane, and
-in the last decision; before, and on a road without an exit or a merge, it is empty. The mask has
-shape (12,) and type int8. It is 1 for each action that the safety check would not replace now;
-`action_space.sample(mask)` accepts it. The info of a reset also holds `unsafe_start`: whether the
-ego starts in a scene in which the check `strict` cannot guarantee to avoid a collision.
+indicators, seed, vehicles, action_mask`, and for the episode so far `mean_speed_m_s, ego_hit,
+safety_triggers, is_success`. The last is True in the last decision of an episode without a
+collision whose ego has taken its exit or merged, if it has to. No value is None, which some
+libraries refuse to store. `collision` and `collided_with` are texts, empty without a collision.
+`way` is `exit taken`, `exit missed`, `merged` or `not merged` once the ego has passed its exit or
+the end of its lane, and in the last decision; before, and on a road without an exit or a merge, it
+is empty. The mask has shape (12,) and type int8. It is 1 for each action that the safety check
+would not replace now; `action_space.sample(mask)` accepts it. The info of a reset also holds
+`unsafe_start`: whether the ego starts in a scene in which the check `strict` cannot guarantee to
+avoid a collision.
 
 ## Several at Once
 Each environment has its own SUMO, also within one process. The first environment uses the

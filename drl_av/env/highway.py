@@ -14,13 +14,14 @@ from drl_av.config import Config
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
-from drl_av.driving.infer_action import infer_action
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.observation_scale import ObservationScale
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.scene import LaneChange, Scene, infer_action
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
+    COMPLETE,
+    RouteOutcome,
     drawn_traffic,
     most_decisions,
     number_of_vehicles,
@@ -28,16 +29,18 @@ from drl_av.env.episode_start import (
     traffic_seed,
     traffic_setups,
 )
+from drl_av.env.fork import copy_episode
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
-from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.scene_values import SceneValues
 from drl_av.env.transition import Observation, RewardFunction, Transition, custom_reward
+from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError, pluralize
 from drl_av.road.snapshot import EGO, Snapshot
-from drl_av.safety import ActionMask, action_mask, mask_of, named_check, starts_unsafe
+from drl_av.safety import ActionMask, action_mask, mask_of, named_check
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
+from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
 
@@ -113,6 +116,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             render_mode, self.road, lambda text, colors: self.simulation.show(text, colors)
         )
         self.ego_model: EgoModel | None = None
+        self._twin: TwinVectorEnv | None = None
+        self._has_own_parts = any(each is not None for each in (own_check, reward, observation))
         self._over = True
 
     @property
@@ -184,7 +189,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         vehicles = number_of_vehicles(
             given, self.seed, traffic, fleet.placed, fleet.default_vehicle_count
         )
-        self.decisions = 0
+        self.decisions = self._triggers = 0
+        self._speed_sum_m_s = 0.0
         self.ego_model = None
         snapshot = self.simulation.reset(self.seed, vehicles)
         self.traffic_drivers.start(
@@ -193,7 +199,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._observe(snapshot, None)
         self._route = RouteOutcome(self.road, self.scene)
         info = self._info(self._route.outcome(self.scene, over=False))
-        info["unsafe_start"] = starts_unsafe(self.safety_check, self.scene)
+        check = self.safety_check
+        info["unsafe_start"] = isinstance(check, Strict) and not check.start_is_safe(self.scene)
         if self._renderer is not None:
             self._renderer.reset(snapshot, self.seed)
         self._over = False
@@ -227,7 +234,14 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             SimulationError: SUMO ended unexpectedly.
         """
         made = self.execute(action)
+        self._speed_sum_m_s += made.next_scene.affordances.ego_speed_m_s
+        self._triggers += made.triggered
+        over = made.truncated and not made.terminated
         info = self._info(made.route_outcome) | {
+            "is_success": over and made.route_outcome in ("", *COMPLETE),
+            "mean_speed_m_s": self._speed_sum_m_s / self.decisions,
+            "ego_hit": made.collision is not None and made.collision.kind.ego_hit,
+            "safety_triggers": self._triggers,
             "proposed_action": made.proposed.number,
             "executed_action": made.executed.number,
             "rule": str(made.rule),
@@ -283,6 +297,30 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         if self._renderer is not None:
             self._renderer.step(self.transition)
         return self.transition
+
+    def fork(self, n: int, seed: int = 0, include_rng: bool = False) -> TwinVectorEnv:
+        """Return ``n`` copies of the running episode in worlds of the twin, for search.
+
+        The arguments are those of ``TwinVectorEnv.fork``. Copies of an episode in the twin go on
+        exactly as it does. Those of an episode in SUMO begin with the same scene and drivers, but
+        without what SUMO's drivers remember.
+
+        Raises:
+            ConfigError: the twin cannot do what the settings ask, or the environment has a check,
+                a reward or an observation of the user, or SUMO drives the ego.
+            gymnasium.error.ResetNeeded: no episode is running.
+        """
+        if self._over:
+            raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
+        if self._has_own_parts or self.ego_model is not None:
+            raise ConfigError(
+                "The twin has no safety check, reward or observation of yours, and SUMO does not "
+                "drive its ego: fork an environment that was made without them."
+            )
+        if self._twin is None:
+            self._twin = TwinVectorEnv(config=self.config, autoreset_mode="Disabled")
+        copy_episode(self._twin, self.simulation, self.scene, self.seed, self.decisions)
+        return self._twin.fork(n, seed, include_rng)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the scene as a picture, uint8 of shape (720, 1280, 3).

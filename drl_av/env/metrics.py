@@ -6,12 +6,20 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from drl_av.driving.actions import Longitudinal
+from drl_av.env.episode_start import COMPLETE
 from drl_av.env.reward import Rewards
-from drl_av.env.route_outcome import COMPLETE
 from drl_av.env.transition import Transition
 from drl_av.files import PossiblyInfinite
 from drl_av.road.snapshot import Collision
 from drl_av.safety.paper import closing_speed, time_to_collision
+
+CHANGE_M_S = 0.3
+"""A larger change of speed in a decision counts as accelerating or braking."""
+SHORT_HEADWAY_S = 1.0
+CRAWLING_M_S = 5.0
+"""At this speed and below, a headway does not count as short."""
+FORCED_M_S2 = 2.0
+"""During a lane change of the ego, harder braking of the vehicle behind it counts as forced."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,8 @@ class EpisodeResult:
     """Number of decisions after which the gap to the vehicle ahead was below d_safe (r_x < 0)."""
     way: str = field(default="", kw_only=True)
     """``exit taken``, ``exit missed``, ``merged`` or ``not merged``; "" if the ego has no way."""
+    world: str = field(default="sumo", kw_only=True)
+    """The world in which it was driven, ``sumo`` or ``twin``."""
 
     @property
     def missed(self) -> bool:
@@ -56,11 +66,12 @@ class EpisodeResult:
         return self.way not in ("", *COMPLETE)
 
     def cells(self) -> dict[str, Any]:
-        """Return the row's values by column, without the column ``way`` if the ego has no way."""
+        """Return the row's values by column; ``way`` is there if the ego has one, ``world`` if it
+        is not SUMO.
+        """
         cells = asdict(self)
-        if not self.way:
-            del cells["way"]
-        return cells
+        usual = {"way": "", "world": "sumo"}
+        return {name: value for name, value in cells.items() if usual.get(name) != value}
 
 
 class EpisodeMetrics:

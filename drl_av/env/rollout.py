@@ -1,6 +1,7 @@
 """The rollout of one episode, for training, evaluation and replay."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.rule_based import SumoDriver
@@ -64,4 +65,5 @@ def drive(
     metrics = make_metrics()
     for decision in rollout(env, driver, seed, vehicles):
         metrics.add(decision)
-    return metrics.result(name, env.check_name, vehicles, seed)
+    result = metrics.result(name, env.check_name, vehicles, seed)
+    return replace(result, world=env.config.simulation.world)

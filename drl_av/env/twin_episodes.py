@@ -5,18 +5,24 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import borrowing, inlined
-from drl_av.driving.actions import EgoNumbers
+from drl_av.compiled import borrowing, inlined, numbers
+from drl_av.config import Config
+from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
 from drl_av.driving.maneuver import plan_into
-from drl_av.env.reward import RewardNumbers
+from drl_av.driving.observation_scale import ObservationScale
+from drl_av.env.reward import RewardNumbers, reward_numbers
 from drl_av.env.scene_values import compute_values
-from drl_av.road.road_numbers import RoadNumbers, holds
+from drl_av.errors import ConfigError
+from drl_av.road.road_numbers import RoadNumbers, holds, road_numbers
 from drl_av.road.sweep import HIT_EDGE, NO_CONTACT, swept_collision
+from drl_av.safety import named_check
 from drl_av.safety.paper import SafetyNumbers, paper_verdicts
 from drl_av.safety.reachability import StrictNumbers
 from drl_av.safety.strict import strict_verdicts
+from drl_av.scenarios.folder import Scenario
 from drl_av.twin.step import sumo_step
+from drl_av.twin.traffic import loop_of
 from drl_av.twin.worlds import (
     ASIDE_M,
     COUNT,
@@ -40,6 +46,7 @@ REQUEST_STEPS = 10
 """Steps for which SUMO tries to execute a random lane change."""
 PERMIT_ALL, PAPER, STRICT = range(3)
 """The numbers of the safety checks."""
+CHECK_NUMBERS = {"permit_all": PERMIT_ALL, "paper": PAPER, "strict": STRICT}
 R_V, R_Y, R_X = range(3)
 """The columns of ``Episodes.terms``."""
 
@@ -96,6 +103,34 @@ class Task(NamedTuple):
     check: int
 
 
+def task_of(scenario: Scenario, config: Config) -> Task:
+    """Return the numbers of a scenario and a config.
+
+    Raises:
+        ConfigError: the twin cannot do what the settings ask.
+    """
+    road, loop = scenario.road, loop_of(scenario, config)
+    named_check(config, scenario.vehicle_types, road)  # refuses what it must
+    scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
+    if config.observation.way:
+        raise ConfigError(
+            "The twin does not know observation.way: drive in SUMO, with gymnasium.make."
+        )
+    return Task(
+        loop=loop,
+        road=road_numbers(road),
+        range_m=float(config.observation.range_m),
+        offset=scale.offset,
+        scale=scale.scale,
+        bounds=scale.bounds,
+        reward=reward_numbers(config.reward),
+        safety=numbers(SafetyNumbers, config.safety),
+        strict=numbers(StrictNumbers, config.strict),
+        ego=ego_numbers(config.ego, config.simulation),
+        check=CHECK_NUMBERS[config.safety.check],
+    )
+
+
 def empty_episodes(worlds: int, vehicles: int, steps: int, changes: int) -> Episodes:
     """Return the arrays of episodes for up to ``vehicles`` vehicles and ``changes`` requests."""
     return Episodes(
@@ -119,16 +154,10 @@ def empty_episodes(worlds: int, vehicles: int, steps: int, changes: int) -> Epis
 
 @borrowing
 def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> None:
-    """Compute the first scene of the worlds ``rows``, in which an episode begins."""
+    """Compute the present scene of the worlds ``rows``."""
     for w in rows:
         world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
         read_scene(world, task.loop, episodes.scene[w])
-        lane = world.z[LANE, 0]
-        episodes.lanes[w, 0], episodes.lanes[w, 1] = lane, lane
-        episodes.heading_rad[w] = 0.0
-        episodes.decisions[w] = 0
-        episodes.next_change[w, 0] = 0
-        episodes.collision[w, 0], episodes.collision[w, 1] = NO_CONTACT, 0
         look(episodes, task, w, world.near[COUNT])
 
 
@@ -145,8 +174,7 @@ def decide_all(
 @borrowing
 def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
-    n, loop, scene, plan = world.near[COUNT], task.loop, episodes.scene[w], episodes.plan[w]
-    before, lanes = episodes.before[w], episodes.lanes[w]
+    loop, scene, plan, lanes = task.loop, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
     origin, target, heading_rad = plan_into(
         episodes.values[w],
         episodes.codes[w],
@@ -165,30 +193,50 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     request_changes(world, episodes, w)
     episodes.collision[w, 0] = NO_CONTACT
     for step in range(plan.shape[1]):
-        for i in range(n):
-            before[0, i], before[1, i] = scene[0, i], scene[1, i]
-        y_m = plan[1, step]
-        if y_m != scene[1, 0] and not holds(y_m, scene[5, 0], 0.0, task.road):
-            episodes.collision[w, 0], episodes.collision[w, 1] = HIT_EDGE, 0
-            break
-        sumo_step(world, loop, plan[0, step], y_m)
-        read_scene(world, loop, scene)
-        scene[3, 0] = plan[2, step]
-        row, kind, _ = swept_collision(
-            before[0][:n],
-            before[1][:n],
-            scene[0][:n],
-            scene[1][:n],
-            scene[4][:n],
-            scene[5][:n],
-            loop.lap_m,
-        )
+        command = plan[0, step], plan[1, step], plan[2, step]
+        kind, row = advance(world, loop, task.road, scene, episodes.before[w], *command)
         if kind != NO_CONTACT:
             episodes.collision[w, 0], episodes.collision[w, 1] = kind, row
             break
     lanes[0], lanes[1], episodes.heading_rad[w] = origin, target, heading_rad
     episodes.decisions[w] += 1
-    look(episodes, task, w, n)
+    look(episodes, task, w, world.near[COUNT])
+
+
+@borrowing
+def advance(
+    world: World,
+    loop: Loop,
+    road: RoadNumbers,
+    scene: FloatArray,
+    before: FloatArray,
+    speed_m_s: float,
+    y_m: float,
+    lateral_speed_m_s: float,
+) -> tuple[int, int]:
+    """Execute one command of the ego in a SUMO step; return its collision and the other's row.
+
+    ``scene`` becomes that after the step, and ``before`` holds the positions before it. The
+    collision is a number of ``KINDS``, or ``NO_CONTACT``.
+    """
+    n = world.near[COUNT]
+    for i in range(n):
+        before[0, i], before[1, i] = scene[0, i], scene[1, i]
+    if y_m != scene[1, 0] and not holds(y_m, scene[5, 0], 0.0, road):
+        return HIT_EDGE, 0
+    sumo_step(world, loop, speed_m_s, y_m)
+    read_scene(world, loop, scene)
+    scene[3, 0] = lateral_speed_m_s
+    row, kind, _ = swept_collision(
+        before[0][:n],
+        before[1][:n],
+        scene[0][:n],
+        scene[1][:n],
+        scene[4][:n],
+        scene[5][:n],
+        loop.lap_m,
+    )
+    return kind, row
 
 
 @borrowing
@@ -196,13 +244,18 @@ def request_changes(world: World, episodes: Episodes, w: int) -> None:
     """Request the random lane changes of the present decision."""
     number, last = episodes.next_change[w, 0], episodes.next_change[w, 1]
     while number < last and episodes.changes[w, number, 0] <= episodes.decisions[w]:
-        i = episodes.changes[w, number, 1]
-        lane = world.z[LANE, i] + episodes.changes[w, number, 2]
-        if lane >= 0:
-            world.z[REQUEST_LANE, i] = lane
-            world.z[REQUEST_END, i] = world.near[STEP] + REQUEST_STEPS
+        request_change(world, episodes.changes[w, number, 1], episodes.changes[w, number, 2])
         number += 1
     episodes.next_change[w, 0] = number
+
+
+@borrowing
+def request_change(world: World, i: int, side: int) -> None:
+    """Request a lane change of a vehicle: +1 to the left, -1 to the right."""
+    lane = world.z[LANE, i] + side
+    if lane >= 0:
+        world.z[REQUEST_LANE, i] = lane
+        world.z[REQUEST_END, i] = world.near[STEP] + REQUEST_STEPS
 
 
 @inlined

@@ -1,8 +1,9 @@
 """``gymnasium.make_vec("drl_av/Highway-v0", ...)``: many highways at once, in the compiled twin."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -12,39 +13,30 @@ import numpy.typing as npt
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from drl_av.compiled import numbers
 from drl_av.config import Config
 from drl_av.config.presets import as_config
-from drl_av.driving.actions import ACTIONS, ego_numbers
+from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import Indicators, ground_of
-from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
-from drl_av.env.reward import reward_numbers
 from drl_av.env.twin_episodes import (
-    PAPER,
-    PERMIT_ALL,
-    STRICT,
-    Task,
     decide_all,
     empty_episodes,
     look_all,
+    task_of,
 )
 from drl_av.errors import ConfigError
-from drl_av.road.road_numbers import road_numbers
+from drl_av.random_streams import Stream, generator
 from drl_av.road.snapshot import Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT
-from drl_av.safety import named_check
+from drl_av.safety import CHECKS
 from drl_av.safety.check import RULES
-from drl_av.safety.paper import SafetyNumbers
-from drl_av.safety.reachability import StrictNumbers
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import draw_traffic, loop_of, place_vehicles
-from drl_av.twin.worlds import COUNT, STEP, World, empty_worlds
+from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
+from drl_av.twin.worlds import COUNT, LANE, STEP, World, empty_worlds
 
 Observations = npt.NDArray[np.float32]
-CHECK_NUMBERS = {"permit_all": PERMIT_ALL, "paper": PAPER, "strict": STRICT}
 RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
 COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
 """By number; -1, no collision, is the last."""
@@ -91,57 +83,39 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             if not isinstance(safety_check, str):
                 raise ConfigError(
                     "safety_check is a function, but the twin has the named checks only "
-                    f"({', '.join(CHECK_NUMBERS)}): name one, or take gymnasium.make."
+                    f"({', '.join(CHECKS)}): name one, or take gymnasium.make."
                 )
             config = config.updated("safety", check=safety_check)
-        self.config, self.num_envs = config, num_envs
+        self.config = config
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         self.road = self._scenario.road
-        loop = loop_of(self._scenario, config)
-        named_check(config, self._scenario.vehicle_types, self.road)  # refuses what it must
-        scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
-        if config.observation.way:
-            raise ConfigError(
-                "The twin does not know observation.way: drive in SUMO, with gymnasium.make."
-            )
-        self.task = Task(
-            loop=loop,
-            road=road_numbers(self.road),
-            range_m=float(config.observation.range_m),
-            offset=scale.offset,
-            scale=scale.scale,
-            bounds=scale.bounds,
-            reward=reward_numbers(config.reward),
-            safety=numbers(SafetyNumbers, config.safety),
-            strict=numbers(StrictNumbers, config.strict),
-            ego=ego_numbers(config.ego, config.simulation),
-            check=CHECK_NUMBERS[config.safety.check],
-        )
-        self.single_observation_space = gymnasium.spaces.Box(
-            -scale.bounds, scale.bounds, dtype=np.float32
-        )
+        self.task = task_of(self._scenario, config)
+        bounds = self.task.bounds
+        self.single_observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS))
-        self.observation_space = gymnasium.vector.utils.batch_space(
-            self.single_observation_space, num_envs
-        )
-        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
-        self.metadata = {"render_modes": [], "autoreset_mode": AutoresetMode(autoreset_mode)}
-        self._autoreset = AutoresetMode(autoreset_mode)
-        self._masked = action_mask
-        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._masked, self._threads, self._is_fork = action_mask, threads, False
         self._options: Mapping[str, Any] = {}
-        self.seeds = np.zeros(num_envs, np.int64)
-        """The traffic seed of each world's episode."""
-        self.vehicles = np.zeros(num_envs, np.int64)
-        """The vehicles besides the ego in each world."""
-        self._over = np.ones(num_envs, np.bool_)
-        self._rows, self._no_words = np.arange(num_envs), np.full(num_envs, "", dtype=object)
-        self._no_words.setflags(write=False)
         self._begun = False
+        self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
         self._make_arrays(config.traffic.vehicles_max + 1, FIRST_CHANGES)
-        chunks = max(1, min(threads, num_envs, os.cpu_count() or 1))
-        self._pool = ThreadPoolExecutor(chunks) if chunks > 1 else None
-        self._chunks = chunks
+
+    def _make_worlds(self, count: int, mode: AutoresetMode) -> None:
+        """Make what there is once a world, besides the arrays."""
+        self.num_envs, self._autoreset = count, mode
+        self.metadata = {"render_modes": [], "autoreset_mode": mode}
+        batch = gymnasium.vector.utils.batch_space
+        self.observation_space = batch(self.single_observation_space, count)
+        self.action_space = batch(self.single_action_space, count)
+        self._generators: list[np.random.Generator | None] = [None] * count
+        self.seeds = np.zeros(count, np.int64)
+        """The traffic seed of each world's episode."""
+        self.vehicles = np.zeros(count, np.int64)
+        """The vehicles besides the ego in each world."""
+        self._over = np.ones(count, np.bool_)
+        self._rows, self._no_words = np.arange(count), np.full(count, "", dtype=object)
+        self._no_words.setflags(write=False)
+        self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
+        self._pool = ThreadPoolExecutor(self._chunks) if self._chunks > 1 else None
 
     def _make_arrays(self, vehicles: int, changes: int) -> None:
         """Make the arrays of all worlds for so many vehicles and requests in one."""
@@ -163,7 +137,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             ConfigError: an option is wrong, or there are not as many seeds as worlds.
             ScenarioError: the vehicles do not fit on the road.
         """
-        given = dict(reset_options_of(options))
+        given = reset_options(options, "reset_mask")
         mask = given.pop("reset_mask", None)
         rows = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
         self._options = given
@@ -198,7 +172,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         """
         proposed = self._proposed(actions)
         begins = self._over.copy()
-        if begins.any():
+        if begins.any() and not self._is_fork:
             if self._autoreset == AutoresetMode.DISABLED:
                 raise gymnasium.error.ResetNeeded(
                     "An episode is over: call reset with the option reset_mask."
@@ -208,10 +182,10 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         executed = self.episodes.executed[self._rows, proposed]
         rules = self.episodes.rules[self._rows, proposed]
         self._decide(rows, proposed)
-        hit = self.episodes.collision[:, 0] != NO_CONTACT
-        terminated = hit & ~begins
+        goes_on = ~begins | self._is_fork
+        terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
         late = self.episodes.decisions >= self.config.simulation.decisions_per_episode
-        truncated = late & ~begins
+        truncated = late & goes_on
         r_v, r_y, r_x = self.episodes.terms.T
         rewards = (r_v + r_y + r_x) / 3
         rewards[terminated] = self.config.reward.collision_reward
@@ -223,6 +197,44 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         if self._autoreset == AutoresetMode.SAME_STEP and self._over.any():
             observations = self._restart(observations, info)
         return observations, rewards, terminated, truncated, info
+
+    def fork(
+        self, n: int, seed: int = 0, include_rng: bool = False, world: int = 0
+    ) -> "TwinVectorEnv":
+        """Return ``n`` copies of a world's episode, each of which goes on by itself, for search.
+
+        An episode that is over stays as it is, with reward 0. Copies can be forked in turn.
+
+        Args:
+            n: The number of copies.
+            seed: The other vehicles of the copy i change lanes at random by the seed ``seed`` + i.
+            include_rng: Whether they change lanes as they will in the original instead, so that a
+                search is clairvoyant; so named after ``clone_state`` of the Arcade Learning
+                Environment.
+            world: The world to copy.
+
+        Raises:
+            gymnasium.error.ResetNeeded: the episode is over, or none has begun.
+        """
+        if self._over[world]:
+            raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
+        fork, decisions = copy(self), int(self.episodes.decisions[world])
+        fork._is_fork, fork._options = True, {}
+        fork._make_worlds(n, AutoresetMode.DISABLED)
+        fork._make_arrays(self.worlds.x.shape[2], self.episodes.changes.shape[1])
+        given: tuple[Any, ...] = (*self.worlds, *self.episodes)
+        made: tuple[Any, ...] = (*fork.worlds, *fork.episodes)
+        for before, after in zip(given, made, strict=True):
+            after[:] = before[world]
+        fork.seeds[:], fork.vehicles[:] = self.seeds[world], self.vehicles[world]
+        fork._over[:] = False
+        if not include_rng:
+            vehicles, most = int(self.vehicles[world]), self.config.simulation.decisions_per_episode
+            for row in range(n):
+                rng = generator(seed + row, Stream.FORKS)
+                left = vehicles, self.config, decisions, most - decisions
+                fork._set_changes(row, draw_future(rng, *left))
+        return fork
 
     def action_masks(self) -> npt.NDArray[np.int8]:
         """Return the action masks of the present scenes, shape (num_envs, 12), int8."""
@@ -296,18 +308,25 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             )
             self.vehicles[row] = vehicles
             drawn.append(draw_traffic(int(self.seeds[row]), vehicles, self._scenario, config, most))
-        self._make_room(drawn)
+        self._make_room(max((len(population.ids) for population, _ in drawn), default=0), 0)
         for row, (population, changes) in zip(rows.tolist(), drawn, strict=True):
-            place_vehicles(self._world(row), self.task.loop, population, self._scenario, config)
-            self.episodes.changes[row, : len(changes)] = changes
-            self.episodes.next_change[row] = 0, len(changes)
+            place_vehicles(self.world(row), self.task.loop, population, self._scenario, config)
+            self._set_changes(row, changes)
+        episodes = self.episodes
+        episodes.lanes[rows] = self.worlds.z[rows, LANE, :1]
+        episodes.heading_rad[rows], episodes.decisions[rows] = 0.0, 0
+        episodes.collision[rows] = NO_CONTACT, 0
         self._over[rows] = False
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
 
-    def _make_room(self, drawn: Sequence[tuple[Any, npt.NDArray[np.int64]]]) -> None:
-        """Enlarge the arrays if the drawn episodes have more vehicles or requests than before."""
-        vehicles = max((len(population.ids) for population, _ in drawn), default=0)
-        changes = max((len(changes) for _, changes in drawn), default=0)
+    def _set_changes(self, row: int, changes: npt.NDArray[np.int64]) -> None:
+        """Set the random lane changes of a world that are to come."""
+        self._make_room(0, len(changes))
+        self.episodes.changes[row, : len(changes)] = changes
+        self.episodes.next_change[row] = 0, len(changes)
+
+    def _make_room(self, vehicles: int, changes: int) -> None:
+        """Enlarge the arrays if they have no room for so many vehicles and requests in a world."""
         room = self.worlds.x.shape[2], self.episodes.changes.shape[1]
         if vehicles <= room[0] and changes <= room[1]:
             return
@@ -318,7 +337,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         for before, after in zip(old, new, strict=True):
             after[tuple(map(slice, before.shape))] = before
 
-    def _world(self, row: int) -> World:
+    def world(self, row: int) -> World:
         """Return the arrays of one world."""
         return World(*(array[row] for array in self.worlds))
 
@@ -373,11 +392,3 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             "collided_with": names,
         }
         return info | {f"_{name}": present for name in info}
-
-
-def reset_options_of(options: dict[str, Any] | None) -> Iterable[tuple[str, Any]]:
-    """Return the options of a reset; raise ConfigError for those that do not exist."""
-    given = dict(options or {}) if options is None or isinstance(options, Mapping) else options
-    mask = given.pop("reset_mask", None) if isinstance(given, dict) else None
-    found = dict(reset_options(given))
-    return (found | ({} if mask is None else {"reset_mask": mask})).items()

@@ -3,6 +3,8 @@
 DENSITIES = (1, 5, 10, 15, 20, 25, 30)
 """The numbers of vehicles around the ego in the published tables (docs/results)."""
 
+PROVENANCE = ".provenance.json"
+"""Ending of the file with the provenance of a table of evaluate (how it was made)."""
 NEAR_MISS_TTC_S = 1.5
 """Critical time to collision (van der Horst and Hogema 1993)."""
 NEAR_MISS_DRAC_M_S2 = 3.35

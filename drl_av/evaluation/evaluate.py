@@ -98,9 +98,9 @@ def evaluate(
         jobs: Number of processes. The results do not depend on it. With more than one, each process
             gets copies of your own objects, by cloudpickle.
         config: Settings. A dictionary or a TOML file changes settings of the default config, which
-            is that of the first learned driver's training; ``pretrained`` and ``pretrained-smooth``
-            drive under ``strict``. Without a learned driver, the default is the paper's settings. A
-            Config or a preset replaces all settings but the margins of learned drivers.
+            is that of the first learned driver's training; ``pretrained`` drives under ``strict``.
+            Without a learned driver, the default is the paper's settings. A Config or a preset
+            replaces all settings. A learned driver keeps the [learning] settings of its training.
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``, or your own: a function, or its
             name as ``"module:function"``. A driver's name may name another one for this driver

@@ -87,6 +87,21 @@ def save_pages(figures: "Iterable[Figure]", path: Path) -> None:
     write_atomic(path, data.getvalue())
 
 
+COLUMNS_IN = {1: 3.5, 2: 7.16}
+"""Width of one and of two columns of a paper, inches (IEEE)."""
+
+
+def fit_columns(figure: "Figure", columns: int) -> None:
+    """Give a figure the width of one or two columns of a paper, and all its text 8 points."""
+    from matplotlib.text import Text
+
+    width, height = figure.get_size_inches()
+    scale = COLUMNS_IN[columns] / width
+    figure.set_size_inches(COLUMNS_IN[columns], max(scale * height, 0.75 * COLUMNS_IN[1]))
+    for text in figure.findobj(Text):
+        text.set_fontsize(8)
+
+
 def add_title(figure: "Figure", title: str) -> None:
     """Write a title above a figure, literally."""
-    figure.suptitle(title, fontsize="medium").set_parse_math(False)
+    figure.suptitle(title, fontsize="medium", wrap=True).set_parse_math(False)

@@ -2,7 +2,8 @@
 
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,14 +37,13 @@ STYLES = {
     "gap-mobil-1.3": ("#882255", "d"),
     "sumo": ("#56b4e9", "<"),
     "sumo-tuned": ("#332288", ">"),
-    "planner": ("#117733", "P"),
-    "pretrained-smooth": ("#ee7733", "p"),
     "random": ("#999999", "x"),
     "pretrained-large": ("#004488", "*"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
 OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
-OTHER_MARKS = ("D", "P", "X", "*", "p", "h")
+OTHER_STYLES = [(color, mark) for mark in ("D", "P", "X", "*", "p", "h") for color in OTHER_COLORS]
+"""The styles of all other drivers."""
 BESIDE = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
@@ -104,13 +104,14 @@ def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
 
     Each driver has one curve, over all its numbers of vehicles.
     """
-    figure, axes = one_panel("speed v, m/s", "share of episodes with a mean speed above v")
+    figure, axes = one_panel("speed v, m/s", "share of episodes faster than v")
     thresholds = sorted({0.0, *(row["mean_speed_m_s"] for row in rows)})
-    curves = {}
-    for driver, own in grouped(rows, itemgetter("driver")).items():
+    curves, drivers = {}, grouped(rows, itemgetter("driver"))
+    styles = styles_of(drivers)
+    for driver, own in drivers.items():
         speeds = np.array([row["mean_speed_m_s"] for row in own])
         profile = performance_profile([speeds], thresholds)
-        color, _ = style_of(driver)
+        color, _ = styles[driver]
         [curves[driver]] = axes.step(thresholds, profile, where="post", color=color)
     legend_of_names(axes, curves)
     return figure
@@ -143,13 +144,21 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     return figure
 
 
-def style_of(driver: str) -> tuple[str, str]:
-    """Return the colour and marker of a driver, the same in every figure; @CHECK has no effect."""
-    name = driver.partition("@")[0]
-    if name in STYLES:
-        return STYLES[name]
-    number = zlib.crc32(name.encode())
-    return OTHER_COLORS[number % len(OTHER_COLORS)], OTHER_MARKS[number // 7 % len(OTHER_MARKS)]
+def styles_of(drivers: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Return the colour and marker of each driver of a figure; @CHECK has no effect.
+
+    A driver in ``STYLES`` has the same in every figure. Each other one has those of the checksum of
+    its name, unless an earlier one of this figure has the same colour: then the next free colour.
+    """
+    names = {driver: driver.partition("@")[0] for driver in drivers}
+    styles, used = dict(STYLES), Counter[str]()
+    for name in sorted({*names.values()} - STYLES.keys()):
+        first = zlib.crc32(name.encode()) % len(OTHER_STYLES)
+        turn = OTHER_STYLES[first:] + OTHER_STYLES[:first]
+        taken = {*styles.values()}
+        styles[name] = min(turn, key=lambda style: (style in taken, used[style[0]]))
+        used[styles[name][0]] += 1
+    return {driver: styles[name] for driver, name in names.items()}
 
 
 def _ends(mean: Mean, lowest: float) -> tuple[float, float]:
@@ -172,9 +181,10 @@ def curves_by_density(
     for a speed.
     """
     curves = dict[str, Any]()
+    styles = styles_of(driver.partition(", ")[0] for driver in means)
     for place, (driver, own) in enumerate(means.items()):
         name, _, check = driver.partition(", ")
-        color, mark = style_of(name)
+        color, mark = styles[name]
         aside = BESIDE * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
             [number + aside for number in own],

@@ -14,6 +14,7 @@ from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.transition import Transition
+from drl_av.errors import RecordingError
 from drl_av.evaluation.recording import (
     Follower,
     RecordedDriver,
@@ -94,6 +95,8 @@ class ReplaySession:
     """The recording that the episode must repeat exactly; None for a new episode."""
     custom: CustomParts = NOTHING_CUSTOM
     """The user's own check, reward and observation."""
+    expected: EpisodeResult | None = None
+    """The row of a table that the episode must repeat exactly; None for another episode."""
 
     @property
     def road(self) -> Road:
@@ -112,7 +115,7 @@ class ReplaySession:
             The recording of the episode, and its result.
 
         Raises:
-            RecordingError: the episode differs from the recording that it must repeat.
+            RecordingError: the episode differs from the recording or row that it must repeat.
         """
         follower = None if self.recording is None else Follower(self.recording)
         watching = watchers if follower is None else (follower.add, *watchers)
@@ -126,7 +129,13 @@ class ReplaySession:
             )
             if follower is not None:
                 follower.end()
-            return driven
+        made_row = driven[1].cells()
+        if self.expected is not None and not made_row.items() <= self.expected.cells().items():
+            raise RecordingError(
+                f"The episode with seed {self.seed} differs from its row: the table was made with "
+                "another driver, scenario or own part, another version, or on another platform."
+            )
+        return driven
 
 
 def replay_session(recording: Recording, custom: CustomParts = NOTHING_CUSTOM) -> ReplaySession:

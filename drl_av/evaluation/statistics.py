@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from drl_av.env.episode_start import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
 from drl_av.env.metrics import EpisodeResult
-from drl_av.env.route_outcome import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
 from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import (
     Estimate,
@@ -144,7 +144,13 @@ class PairedGain(NamedTuple):
 
 
 def require_distinct(rows: Iterable[Speed | EpisodeResult]) -> None:
-    """Raise DrlAvError if a driver drove a seed among as many vehicles twice."""
+    """Raise DrlAvError if a driver drove a seed among as many vehicles twice, or in two worlds."""
+    rows = list(rows)
+    if len({row.world for row in rows if isinstance(row, EpisodeResult)}) > 1:
+        raise DrlAvError(
+            "Some of the rows were driven in SUMO and some in the twin: compare the drivers in one "
+            "world at a time."
+        )
     driven = Counter((row.driver, row.seed, row.vehicles) for row in rows)
     for (driver, seed, vehicles), times in driven.items():
         if times > 1:
@@ -206,6 +212,7 @@ class Summary(NamedTuple):
     driver: str
     safety_check: str
     vehicles: int
+    world: str
     episodes: int
     speed_m_s: Mean
     reward: Mean
@@ -220,16 +227,17 @@ class Summary(NamedTuple):
 
 
 def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
-    """Summarize the episodes of each driver, check and number of vehicles.
+    """Summarize the episodes of each driver, check, number of vehicles and world.
 
     The summaries are in the order of their first rows.
     """
-    groups = grouped(rows, lambda row: (row.vehicles, row.driver, row.safety_check))
+    groups = grouped(rows, lambda row: (row.vehicles, row.driver, row.safety_check, row.world))
     return [
         Summary(
             driver=driver,
             safety_check=check,
             vehicles=vehicles,
+            world=world,
             episodes=len(group),
             speed_m_s=mean_with_interval(row.mean_speed_m_s for row in group),
             reward=mean_with_interval(row.mean_reward for row in group),
@@ -240,7 +248,7 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
             exits_taken=_count(group, EXIT_TAKEN, EXIT_MISSED),
             merged=_count(group, MERGED, NOT_MERGED),
         )
-        for (vehicles, driver, check), group in groups.items()
+        for (vehicles, driver, check, world), group in groups.items()
     ]
 
 

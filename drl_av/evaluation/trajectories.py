@@ -114,7 +114,8 @@ def time_space_figure(recording: Recording) -> "Figure":
         colored.set_clim(0.0, float(np.nanmax(speeds)))
         panel.add_collection(colored)
         panel.autoscale_view()
-        label_axes(panel, y=f"position in lane {lane}, m")
+        label_axes(panel, y=f"lane {lane}")
     label_axes(axes[-1, 0], "time, s")
+    figure.supylabel("position along the road, m", fontsize="medium")
     figure.colorbar(colored, ax=axes, label="speed, m/s (the ego: black border)")
     return figure

@@ -63,17 +63,6 @@ LIMIT_BRAKING_M_S2 = 2.0
 """Braking with which the ego slows down for a lower speed limit ahead (ours)."""
 
 
-def around(s_m: float, lap_m: float) -> float:
-    """Return ``s_m % lap_m``, without a division if it is at most a lap beside the road."""
-    if 0.0 <= s_m < lap_m:
-        return s_m
-    if -lap_m <= s_m < 0.0:
-        return s_m + lap_m
-    if lap_m <= s_m < 2.0 * lap_m:
-        return s_m - lap_m
-    return s_m % lap_m
-
-
 def allowed_speed(limits: Iterable[SpeedLimit], front_m: float = 0.0, step_s: float = 0.0) -> float:
     """Return the largest speed of the next SUMO step that keeps all limits, m/s (ours).
 

@@ -186,4 +186,15 @@ def misses_exit(lane: int, s_m: float, road: RoadNumbers) -> bool:
 @compiled
 def ahead_m(s_from_m: float, s_to_m: float, lap_m: float) -> float:
     """Return the signed distance along the road, the shorter way, as ``Road.ahead_m``."""
-    return (s_to_m - s_from_m + lap_m / 2) % lap_m - lap_m / 2
+    return around(s_to_m - s_from_m + lap_m / 2, lap_m) - lap_m / 2
+
+
+def around(x_m: float, lap_m: float) -> float:
+    """Return ``x_m % lap_m``, to the bit, but without a division if ``x_m`` is within two laps."""
+    if 0.0 <= x_m < lap_m:
+        return x_m
+    if -lap_m <= x_m < 0.0:
+        return x_m + lap_m
+    if lap_m <= x_m < 2.0 * lap_m:
+        return x_m - lap_m
+    return x_m % lap_m

@@ -5,6 +5,7 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from drl_av.road.road import FloatArray
 
@@ -71,14 +72,17 @@ class Snapshot(NamedTuple):
         return arrays
 
 
-class TrafficCommand(NamedTuple):
-    """The decision of our background driver for one vehicle, valid until the next decision."""
+class TrafficCommands(NamedTuple):
+    """The decisions of our background drivers, one a vehicle, valid until the next decision."""
 
-    row: int
-    """Index of the vehicle in the snapshot."""
-    acceleration_m_s2: float
-    side: int
+    rows: npt.NDArray[np.int64]
+    """Index of each vehicle in the snapshot, shape (R,)."""
+    acceleration_m_s2: FloatArray
+    side: npt.NDArray[np.int64]
     """A lane change to the left (+1) or right (-1), or none (0)."""
+
+
+NO_COMMANDS = TrafficCommands(np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64))
 
 
 class Command(NamedTuple):

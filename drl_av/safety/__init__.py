@@ -61,16 +61,6 @@ def named_check(
     return CHECKS[name](config, vehicle_types, road)
 
 
-def starts_unsafe(check: SafetyCheck, scene: Scene) -> bool:
-    """Return whether ``strict`` cannot protect the ego in the first scene of an episode.
-
-    A collision with a vehicle ahead of the ego, beside it or behind it in its lane may then be
-    unavoidable (``Strict.start_is_safe``). Only a scenario that places its vehicles exactly can
-    begin with such a scene. For all other checks, which promise nothing, the result is False.
-    """
-    return isinstance(check, Strict) and not check.start_is_safe(scene)
-
-
 ActionMask = npt.NDArray[np.int8]
 """Shape (12,); 1 for each action that the safety check permits, else 0."""
 

@@ -116,14 +116,17 @@ from drl_av.road.road_numbers import allowed_speed_in
 from drl_av.road.snapshot import EGO
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
-from drl_av.safety.ego_motion import corridor, covered, fallback_lanes, seconds_to_line
 from drl_av.safety.reachability import (
     Ground,
     StrictNumbers,
+    corridor,
+    covered,
     distances_ahead,
+    fallback_lanes,
     lateral_extents,
     must_stay_behind,
     nearest_barrier,
+    seconds_to_line,
     stays_behind,
     stopping_limit,
 )

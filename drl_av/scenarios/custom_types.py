@@ -1,6 +1,6 @@
 """The user's own vehicle types, each for a share of the traffic (ours)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.random_streams import Stream, generator
-from drl_av.road.bounds import LENGTHS_M, WIDTHS_M, check_numbers
+from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
 """The allowed models of SUMO, with the attributes that make each of them deterministic."""
@@ -26,6 +26,7 @@ SHAPES = ("passenger", "passenger/van", "delivery", "truck", "truck/semitrailer"
 """The pictures of SUMO's guiShape that a type of the traffic may have."""
 SUMO_NAMES = {"acceleration_m_s2": "accel", "top_speed_m_s": "maxSpeed", "headway_s": "tau"}
 """The SUMO attribute of each setting that is drawn for each vehicle unless its type states it."""
+REQUIRED = {"length_m", "width_m"}
 COLOR = "150,170,200"
 
 
@@ -90,6 +91,21 @@ class CustomVehicleType:
             **CAR_FOLLOWING_MODELS[self.car_following_model],
             **{SUMO_NAMES[name]: repr(value) for name, value in self.stated.items()},
         }
+
+    @classmethod
+    def of_sumo(cls, attributes: Mapping[str, str], share: float) -> "CustomVehicleType":
+        """Return the type of a vType element; raise ScenarioError or ValueError if one is wrong."""
+        names = {"length_m": "length", "width_m": "width", **SUMO_NAMES}
+        numbers = {name: float(attributes[key]) for name, key in names.items() if key in attributes}
+        if missing := [key for name, key in names.items() if name in REQUIRED - numbers.keys()]:
+            raise ScenarioError(f"a vType has no {missing[0]}: add it")
+        return cls(
+            id=attributes.get("id", ""),
+            share=share,
+            car_following_model=attributes.get("carFollowModel", "Krauss"),
+            shape=attributes.get("guiShape", "passenger"),
+            **numbers,
+        )
 
     @property
     def stated(self) -> dict[str, float]:

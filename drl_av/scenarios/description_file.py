@@ -11,6 +11,7 @@ from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.custom_types import CustomVehicleType
 from drl_av.scenarios.road_description import (
+    FILES,
     TYPES,
     PlacedVehicle,
     RoadDescription,
@@ -47,6 +48,8 @@ def from_toml(
             values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
         if isinstance(values.get(NET), str) and values[NET]:
             values[NET] = str(Path(name).parent / values[NET])
+        if FILES in values:
+            values[FILES] = _paths(values[FILES], Path(name).parent)
         for key, (made, what) in TABLES.items():
             if key in values:
                 values[key] = _from_tables(values[key], key, made, what)
@@ -71,6 +74,16 @@ def unknown_road_type(kind: object, kinds: Iterable[str]) -> ScenarioError:
         f"There is no kind of scenario {kind!r}{did_you_mean(kind, names)}; the kinds are: "
         f"{', '.join(names)}."
     )
+
+
+def _paths(names: Any, folder: Path) -> tuple[str, ...]:
+    """Return the paths of files in a folder; raise ScenarioError at a name that is none."""
+    for name in names if isinstance(names, list) else [names]:
+        if not isinstance(name, str) or not name or Path(name).name != name or "," in name:
+            raise ScenarioError(
+                f"{FILES} has {name!r}, but must be a list of names of files in the same folder."
+            )
+    return tuple(str(folder / name) for name in names)
 
 
 Described = TypeVar("Described")

@@ -1,6 +1,8 @@
 """Functions that write, read and verify scenario folders, and that find the shipped ones."""
 
 import os
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from drl_av.files import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types
 from drl_av.scenarios import folder_files
+from drl_av.scenarios.custom_types import CustomVehicleType
 from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE
@@ -24,7 +27,9 @@ from drl_av.scenarios.road_types import ROAD_TYPES, road_type_of
 from drl_av.scenarios.safe_xml import (
     ADDITIONAL,
     NETWORK,
+    OWN_ADDITIONAL,
     VIEW,
+    parse_xml,
     read_regular_file,
     read_xml,
 )
@@ -43,6 +48,12 @@ __all__ = [
 DEFAULT_SCENARIO = "circular_three_lane"
 SUMO_FILES = (".sumocfg", ".xml", ".xml.gz")
 """The endings of SUMO's files."""
+LOADING = ("additional-files", "additional", "route-files")
+"""The options of SUMO's configuration that name files."""
+OWN_FILES = (
+    'in scenario.toml name detectors with file="NUL", vTypeDistributions, polygons and points of '
+    "interest; all else is for --sumo-options '--additional-files FILE'"
+)
 WRITE_AGAIN = "write the scenario again with: drl-av scenario DIR"
 
 
@@ -100,6 +111,11 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
         unfinished.mkdir(parents=True)
         for name, text in texts.items():
             (unfinished / name).write_text(text, encoding="utf-8", newline="\n")
+        for path in map(Path, description.additional_files):
+            if path.name in texts:
+                raise ScenarioError(f"{path.name} is a file of each scenario: rename yours.")
+            read_xml(path, OWN_ADDITIONAL, OWN_FILES)
+            (unfinished / path.name).write_bytes(read_regular_file(path, OWN_FILES))
 
 
 def _require_readable(folder: Path) -> None:
@@ -131,17 +147,23 @@ def load_scenario(folder: str | Path) -> Scenario:
     description = read_description(folder / name)
     additional = [folder / name for name in folder_files.additional_files(description)]
     types_file, *others = additional
-    types = read_xml(types_file, ADDITIONAL, WRITE_AGAIN).iter("vType")
-    own = [each.id for each in description.vehicle_types]
-    vehicle_types = read_types([element.attrib for element in types], str(types_file), own)
-    description = _with_sizes(description, vehicle_types, str(types_file))
+    types = [each.attrib for each in read_xml(types_file, ADDITIONAL, WRITE_AGAIN).iter("vType")]
     for path in others:
-        read_xml(path, ADDITIONAL, WRITE_AGAIN)
+        own = str(path) in description.additional_files
+        root = read_xml(path, *((OWN_ADDITIONAL, OWN_FILES) if own else (ADDITIONAL, WRITE_AGAIN)))
+        in_path = [each.attrib for each in root.iter("vType")]
+        types += in_path
+        description = _with_types(description, in_path, str(path))
+    names = [each.id for each in description.vehicle_types]
+    vehicle_types = read_types(types, str(types_file), names)
+    description = _with_sizes(description, vehicle_types, str(types_file))
     read_xml(folder / folder_files.VIEW_FILE, VIEW, WRITE_AGAIN)
     network_file = folder / NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_AGAIN)
     layout = road_type_of(description).read(network, description, str(network_file))
     as_written = _require_unchanged(folder)
+    if not as_written:
+        _require_named(folder, {path.name for path in additional})
     return Scenario(
         folder=folder,
         description=description,
@@ -161,6 +183,40 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> RoadDescription:
     """
     described = {name: kind.description for name, kind in ROAD_TYPES.items()}
     return from_toml(_text(path, remedy), str(path), described)
+
+
+def _with_types(
+    description: RoadDescription, types: Sequence[Mapping[str, str]], name: str
+) -> RoadDescription:
+    """Return the description with the types of a file's ``vTypeDistribution`` as types of its own.
+
+    Their shares are their probabilities, divided by the sum of these.
+    """
+    try:
+        shares = [float(each.get("probability", 1.0)) for each in types]
+        own = (
+            CustomVehicleType.of_sumo(each, share / sum(shares))
+            for each, share in zip(types, shares, strict=True)
+        )
+        return replace(description, vehicle_types=(*description.vehicle_types, *own))
+    except (ScenarioError, ValueError, ArithmeticError) as error:
+        raise ScenarioError(f"{name}: {str(error).rstrip('.')}.") from error
+
+
+def _require_named(folder: Path, known: set[str]) -> None:
+    """Raise ScenarioError if the configuration for SUMO alone loads files that we do not load."""
+    path = folder / folder_files.CONFIG_FILE
+    if not path.is_file():
+        return
+    root = parse_xml(path, ET.TreeBuilder(), WRITE_AGAIN)
+    loaded = [each.get("value", "") for each in root.iter() if each.tag in LOADING]
+    names = [name.strip() for text in loaded for name in text.split(",")]
+    if others := sorted({*filter(None, names)} - known - {folder_files.TRAFFIC_FILE}):
+        raise ScenarioError(
+            f"{path} loads {others[0]}, which is for SUMO alone: write additional_files = "
+            f'["{others[0]}"] into {folder_files.DESCRIPTION_FILE} for detectors and types, and '
+            "drive among vehicles of your own with drl_av.attach."
+        )
 
 
 def _with_sizes(description: RoadDescription, types: VehicleTypes, name: str) -> RoadDescription:

@@ -3,6 +3,7 @@
 import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from drl_av.config import TrafficConfig
 from drl_av.road.vehicle_types import VEHICLE, type_attributes
@@ -112,7 +113,8 @@ def checksums(files: Mapping[str, bytes]) -> str:
 
 def additional_files(description: RoadDescription) -> tuple[str, ...]:
     """Return the names of the files that SUMO loads before its vehicles, vehicle types first."""
-    return (VEHICLE_TYPES_FILE, *road_type_of(description).additional(description))
+    own = (Path(path).name for path in description.additional_files)
+    return (VEHICLE_TYPES_FILE, *road_type_of(description).additional(description), *own)
 
 
 def _vehicle_types(description: RoadDescription) -> ET.Element:

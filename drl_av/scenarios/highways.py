@@ -23,22 +23,17 @@ SHORTEST_M = 10.0
 class OffRamp(OpenDescription):
     """A highway with a deceleration lane, which is lane 0 and becomes the off-ramp.
 
+    approach_m: distance to the end of the deceleration lane, metres: from the ego's start, or from
+        the end of the acceleration lane (ours)
+    deceleration_lane_m: length of the deceleration lane, metres (ours)
+
     Raises:
         ScenarioError: ``approach_m`` is too short for the deceleration lane, or too short for the
             lane changes to the exit.
     """
 
-    approach_m: float = setting(
-        1000.0,
-        "ours",
-        "distance to the end of the deceleration lane, metres: from the ego's start, or from the "
-        "end of the acceleration lane",
-        low=100,
-        high=40_000,
-    )
-    deceleration_lane_m: float = setting(
-        250.0, "ours", "length of the deceleration lane, metres", low=50, high=2000
-    )
+    approach_m: float = setting(1000.0, low=100, high=40_000)
+    deceleration_lane_m: float = setting(250.0, low=50, high=2000)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -146,18 +141,15 @@ SPEED_M_S = 15.0
 
 @dataclass(frozen=True)
 class OnRamp(OpenDescription):
-    """A highway with an on-ramp, which is lane 0; the ego starts on the ramp."""
+    """A highway with an on-ramp, which is lane 0; the ego starts on the ramp.
 
-    ramp_m: float = setting(
-        100.0,
-        "ours",
-        "distance of the ego's start before the point where the ramp joins the highway, metres",
-        low=20,
-        high=400,
-    )
-    acceleration_lane_m: float = setting(
-        250.0, "ours", "length of the acceleration lane, metres", low=50, high=2000
-    )
+    ramp_m: distance of the ego's start before the point where the ramp joins the highway, metres
+        (ours)
+    acceleration_lane_m: length of the acceleration lane, metres (ours)
+    """
+
+    ramp_m: float = setting(100.0, low=20, high=400)
+    acceleration_lane_m: float = setting(250.0, low=50, high=2000)
 
     @property
     def on_ramp(self) -> PartialLane:
@@ -184,15 +176,12 @@ class OnRamp(OpenDescription):
 
 @dataclass(frozen=True)
 class MergeDescription(OnRamp):
-    """A highway with an on-ramp, from which the ego merges."""
+    """A highway with an on-ramp, from which the ego merges.
 
-    after_m: float = setting(
-        500.0,
-        "ours",
-        "distance from the end of the acceleration lane to the end of the road, metres",
-        low=50,
-        high=40_000,
-    )
+    after_m: distance from the end of the acceleration lane to the end of the road, metres (ours)
+    """
+
+    after_m: float = setting(500.0, low=50, high=40_000)
 
     def plan(self) -> OpenPlan:
         """Return the road: on-ramp, and highway before, beside and after the acceleration lane."""
@@ -246,11 +235,12 @@ RAMP_TO_RAMP = open_road_type(
 
 @dataclass(frozen=True)
 class StraightDescription(OpenDescription):
-    """An open highway with inflow in each lane."""
+    """An open highway with inflow in each lane.
 
-    length_m: float = setting(
-        2000.0, "ours", "distance from the ego's start to the end, metres", low=300, high=40_000
-    )
+    length_m: distance from the ego's start to the end, metres (ours)
+    """
+
+    length_m: float = setting(2000.0, low=300, high=40_000)
 
     def plan(self) -> OpenPlan:
         """Return the road, which has one edge with all lanes."""

@@ -48,6 +48,8 @@ LANE_ATTRIBUTES = ("changeLeft", "changeRight")
 class OpenDescription(RoadDescription):
     """The settings that all open roads have; a subclass adds its own settings and the plan.
 
+    flow_per_h: inflow of each lane of the highway, vehicles per hour (ours)
+
     Raises:
         ScenarioError: a value has a wrong type or is out of bounds, the user's vehicle types do not
             fit each other, or a placed vehicle is not on the road, too fast, or overlaps another.
@@ -58,11 +60,10 @@ class OpenDescription(RoadDescription):
     speed_limit_m_s: float = SPEED_LIMIT_M_S()
     vehicle_length_m: float = VEHICLE_LENGTH_M()
     vehicle_width_m: float = VEHICLE_WIDTH_M()
-    flow_per_h: float = setting(
-        1000.0, "ours", "inflow of each lane of the highway, vehicles per hour", low=0, high=2400
-    )
+    flow_per_h: float = setting(1000.0, low=0, high=2400)
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
+    additional_files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_sizes(self)

@@ -4,15 +4,16 @@ import math
 import re
 from abc import ABC
 from collections.abc import Collection
-from dataclasses import Field, asdict, dataclass, field, fields
+from dataclasses import Field, asdict, dataclass, fields
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import tomli_w
 
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.bounds import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
+from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
 from drl_av.scenarios.custom_types import CustomVehicleType, check_custom_types
 
 BOUNDS: dict[str, Bounds] = {
@@ -22,23 +23,19 @@ BOUNDS: dict[str, Bounds] = {
     "desired_speed_m_s": (0.1, 100),
 }
 """Bounds of the numeric fields of a placed vehicle."""
-LANES = partial(setting, 3, "ours", "number of lanes", low=1, high=10)
-LANE_WIDTH_M = partial(setting, 3.8, "Table I", "width of a lane, metres", low=2, high=10)
-SPEED_LIMIT_M_S = partial(setting, 40.0, "ours", "speed limit, m/s", low=1, high=100)
-VEHICLE_LENGTH_M = partial(
-    setting, 5.0, "ours", "length of a vehicle, metres", low=LENGTHS_M[0], high=LENGTHS_M[1]
-)
-VEHICLE_WIDTH_M = partial(
-    setting, 1.8, "ours", "width of a vehicle, metres", low=WIDTHS_M[0], high=WIDTHS_M[1]
-)
-"""Fields that the descriptions of all kinds of roads have."""
+LANES = partial(setting, 3, low=1, high=10)
+LANE_WIDTH_M = partial(setting, 3.8, low=2, high=10)
+SPEED_LIMIT_M_S = partial(setting, 40.0, low=1, high=100)
+VEHICLE_LENGTH_M = partial(setting, 5.0, low=LENGTHS_M[0], high=LENGTHS_M[1])
+VEHICLE_WIDTH_M = partial(setting, 1.8, low=WIDTHS_M[0], high=WIDTHS_M[1])
+"""Fields of the descriptions of all kinds of roads; ``RoadDescription`` says what they are."""
 INNER_RADIUS_M = 5.0
 """Smallest radius of the inner edge of the innermost lane."""
 MOST_VEHICLES = 3000
 """Largest number of vehicles, with the ego, that start on an open road or that a scenario places.
 The time of a SUMO step grows with the square of the number of vehicles in a lane, because the
 sublane model looks for followers among all of them."""
-TYPES = "vehicle_types"
+TYPES, FILES = "vehicle_types", "additional_files"
 REQUIRED = ("id", "share", "length_m", "width_m", "car_following_model")
 """The keys of a vehicle type that a description always states."""
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -81,7 +78,14 @@ class PlacedVehicle:
 
 
 class RoadDescription(ABC):
-    """What the descriptions of all kinds of roads have: frozen dataclasses with these fields."""
+    """What the descriptions of all kinds of roads have: frozen dataclasses with these fields.
+
+    lanes: number of lanes (ours)
+    lane_width_m: width of a lane, metres (Table I)
+    speed_limit_m_s: speed limit, m/s (ours)
+    vehicle_length_m: length of a vehicle, metres (ours)
+    vehicle_width_m: width of a vehicle, metres (ours)
+    """
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
     lanes: int
@@ -93,6 +97,8 @@ class RoadDescription(ABC):
     vehicles: tuple[PlacedVehicle, ...]
     vehicle_types: tuple[CustomVehicleType, ...]
     """The user's own vehicle types and their shares; all other vehicles have the size above."""
+    additional_files: tuple[str, ...]
+    """Paths of SUMO's additional files that are the user's own, such as detectors."""
 
     def to_toml(self) -> str:
         """Return the description as TOML text, without its kind; ``from_toml`` reads it back."""
@@ -112,25 +118,25 @@ class RoadDescription(ABC):
 class ScenarioDescription(RoadDescription):
     """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
 
+    circumference_m: length of every lane of the loop, metres (ours)
+    barricaded_lanes: lanes to close along the loop; 0 is the rightmost (ours)
+
     Raises:
         ScenarioError: a value has a wrong type or is out of bounds, the loop is too short for its
             lanes, no lane is open, or a placed vehicle is off the road, too fast or overlaps
             another one.
     """
 
-    circumference_m: float = setting(
-        500.0, "ours", "length of every lane of the loop, metres", low=100, high=50_000
-    )
+    circumference_m: float = setting(500.0, low=100, high=50_000)
     lanes: int = LANES()
     lane_width_m: float = LANE_WIDTH_M()
     speed_limit_m_s: float = SPEED_LIMIT_M_S()
     vehicle_length_m: float = VEHICLE_LENGTH_M()
     vehicle_width_m: float = VEHICLE_WIDTH_M()
-    barricaded_lanes: tuple[int, ...] = field(
-        default=(), metadata={"meaning": "lanes to close along the loop; 0 is the rightmost"}
-    )
+    barricaded_lanes: tuple[int, ...] = ()
     vehicles: tuple[PlacedVehicle, ...] = ()
     vehicle_types: tuple[CustomVehicleType, ...] = ()
+    additional_files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_sizes(self)
@@ -188,11 +194,12 @@ class ScenarioDescription(RoadDescription):
 def toml_text(description: RoadDescription, **changed: str | float) -> str:
     """Return a description as TOML text, without its kind.
 
-    The keys of the user's own vehicle types and of a vehicle's lane changes are left out if there
-    are none. ``changed`` replaces the values of some keys.
+    The keys of the user's own vehicle types and files and of a vehicle's lane changes are left out
+    if there are none. ``changed`` replaces the values of some keys.
     """
     given = [item.name for item in fields(description) if item.init]
     values = {key: value for key, value in asdict(description).items() if key in given} | changed
+    values[FILES] = [Path(path).name for path in description.additional_files]
     for vehicle in values["vehicles"]:
         if not vehicle["lane_changes"]:
             del vehicle["lane_changes"]
@@ -201,7 +208,9 @@ def toml_text(description: RoadDescription, **changed: str | float) -> str:
         {key: value for key, value in kind.items() if key in REQUIRED or value != vars(usual)[key]}
         for kind in values[TYPES]
     ]
-    return tomli_w.dumps({key: values[key] for key in values if key != TYPES or values[key]})
+    return tomli_w.dumps(
+        {key: value for key, value in values.items() if value or key not in (TYPES, FILES)}
+    )
 
 
 def longest_m(description: RoadDescription) -> float:

@@ -28,12 +28,23 @@ NETWORK = {
     "request": "junction",
 }
 ADDITIONAL = {"additional": "", "vType": "additional", "poly": "additional"}
+DETECTORS = ("inductionLoop", "e1Detector", "instantInductionLoop", "laneAreaDetector",
+             "e2Detector", "entryExitDetector", "e3Detector", "edgeData", "laneData")  # fmt: skip
+OWN_ADDITIONAL = {
+    "additional": "",
+    **dict.fromkeys((*DETECTORS, "poly", "poi", "vTypeDistribution"), "additional"),
+    "vType": "vTypeDistribution",
+    **dict.fromkeys(("detEntry", "detExit"), "entryExitDetector"),
+}
+NO_FILE = "NUL"
+"""SUMO's name for an output that is not written."""
 VIEW = {
     "viewsettings": "",
     **dict.fromkeys(("scheme", "delay", "viewport"), "viewsettings"),
     **dict.fromkeys(("edges", "vehicles", "pois"), "scheme"),
 }
-"""``NETWORK``, ``ADDITIONAL`` and ``VIEW`` map each allowed XML element to its parent element."""
+"""``NETWORK``, ``ADDITIONAL``, ``OWN_ADDITIONAL`` (of the user's own additional files) and ``VIEW``
+map each allowed XML element to its parent element."""
 
 
 class _Reader(ET.TreeBuilder):
@@ -52,7 +63,7 @@ class _Reader(ET.TreeBuilder):
             raise ValueError(f"it has an element <{tag}> {place}")
         self._open.append(tag)
         for name in attrs:
-            if "file" in name.lower() or name == "href":
+            if ("file" in name.lower() and attrs[name] != NO_FILE) or name == "href":
                 raise ValueError(f"its <{tag}> names a file by the attribute {name[:40]!r}")
         return super().start(tag, attrs)
 

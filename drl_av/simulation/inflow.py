@@ -1,5 +1,6 @@
 """The vehicles of an open road: those at the start of an episode, and those that enter it later."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -8,12 +9,20 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import allowed_speed
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_description import MOST_VEHICLES
-from drl_av.simulation.population import Population, draw_trucks, pitches_m, with_drivers
-from drl_av.simulation.start_positions import StartPositions, ring_places, safe_speed
+from drl_av.simulation.population import (
+    COMFORTABLE_BRAKING_M_S2,
+    Population,
+    StartPositions,
+    draw_trucks,
+    pitches_m,
+    ring_places,
+    with_drivers,
+)
 
 START_STEP_S = 1.0
 """A vehicle starts slow enough to begin to brake for a speed limit this much later, seconds."""
@@ -195,3 +204,13 @@ class Inflow:
         is_truck = draw_trucks(streams[1], n, self._traffic)
         drawn = with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
         return (drawn.rows([row]) for row in range(1, n))
+
+
+def safe_speed(desired: float, headway_s: float, gap_m: float, speed_ahead: float) -> float:
+    """Return the largest safe start speed of one vehicle, m/s, as ``safe_speeds`` does.
+
+    ``speed_ahead`` is the speed of the vehicle ahead, m/s; without one ``gap_m`` is inf.
+    """
+    free_m = max(gap_m - STANDSTILL_GAP_M, 0.0)
+    reach = math.sqrt(speed_ahead * speed_ahead + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
+    return min(desired, free_m / headway_s, reach)

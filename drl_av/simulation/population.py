@@ -1,22 +1,109 @@
-"""The vehicles at the start of an episode, with random positions and parameters."""
+"""The vehicles at the start of an episode, with random, but safe positions and parameters."""
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import lru_cache
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
+from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ConfigError, ScenarioError, pluralize
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.road_description import PlacedVehicle, RoadDescription, require_ego
-from drl_av.simulation.start_positions import StartPositions, random_lanes, ring_places, safe_speeds
+
+COMFORTABLE_BRAKING_M_S2 = 2.0
+"""Braking with which each vehicle can stop behind the vehicle ahead at the start."""
+
+
+class StartPositions(NamedTuple):
+    """The start positions of vehicles along a ring; one row for each vehicle, the ego's first."""
+
+    lane: npt.NDArray[np.intp]
+    front_m: FloatArray
+    """Position of the front bumper along the ring."""
+    gap_m: FloatArray
+    """Net gap to the vehicle ahead in the same lane."""
+    leader: npt.NDArray[np.intp]
+    """Row of the vehicle ahead in the same lane."""
+
+
+def random_lanes(
+    rng: np.random.Generator, n: int, road: Road, room: int, evenness: float
+) -> npt.NDArray[np.intp]:
+    """Draw the lane indices of ``n`` vehicles, shape (n,); the first is the lane of the ego.
+
+    The ego is in each open lane with the same probability. For the other vehicles the probabilities
+    of the lanes are drawn once, from a Dirichlet distribution with the parameter ``evenness``.
+    ``room`` is the number of vehicles that fit on all open lanes together; no lane is overfilled.
+    """
+    open_lanes = np.flatnonzero(road.open_lanes)
+    berths = np.full(len(open_lanes), room // len(open_lanes))
+    shares = rng.dirichlet(np.full(len(open_lanes), evenness))
+    draws, chosen, row = rng.random(n), np.empty(n, dtype=np.intp), 0
+    while row < n:  # first for the ego, then until a lane is full
+        chances = np.where(berths > 0, shares if row else 1.0, 0.0)
+        if not chances.any():
+            chances = (berths > 0).astype(float)
+        limits = (chances / chances.sum()).cumsum()  # as rng.choice does, without its checks
+        wanted = (limits / limits[-1]).searchsorted(draws[row : n if row else 1], side="right")
+        for place, left in enumerate(berths):
+            fills = np.flatnonzero(wanted == place)
+            if 0 < left <= len(fills):
+                wanted = wanted[: fills[left - 1] + 1]
+        chosen[row : row + len(wanted)] = wanted
+        berths -= np.bincount(wanted, minlength=len(berths))
+        row += len(wanted)
+    return open_lanes[chosen]
+
+
+def ring_places(
+    rng: np.random.Generator,
+    lane: npt.NDArray[np.intp],
+    ring_m: float,
+    pitch_m: FloatArray,
+    start_gap_m: float,
+) -> StartPositions:
+    """Draw the positions of vehicles in their lanes, along a ring of ``ring_m`` metres.
+
+    ``pitch_m`` is the length of each vehicle plus ``start_gap_m``, the smallest gap.
+    """
+    n = len(lane)
+    front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
+    for index in np.unique(lane):
+        members = np.flatnonzero(lane == index)
+        spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m[members].sum())
+        ends = np.cumsum(spare_m + pitch_m[members])
+        front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
+        leader[members] = np.concatenate((members[1:], members[:1]))
+        gap_m[members] = np.concatenate((spare_m[1:], spare_m[:1])) + start_gap_m
+    return StartPositions(lane, front_m, gap_m, leader)
+
+
+def safe_speeds(
+    desired: FloatArray, headway: FloatArray, gap_m: FloatArray, leader: npt.NDArray[np.intp]
+) -> FloatArray:
+    """Return the largest safe start speed of each vehicle, m/s; all arrays have shape (n,).
+
+    A vehicle does not exceed its desired speed, and keeps its headway. It can stop behind the
+    vehicle ahead, in row ``leader``, if both brake with ``COMFORTABLE_BRAKING_M_S2``.
+    """
+    free_m = np.maximum(gap_m - STANDSTILL_GAP_M, 0.0)
+    speed = np.minimum(desired, free_m / headway)
+    for _ in range(len(speed)):
+        reach = np.sqrt(speed[leader] ** 2 + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
+        slower = np.minimum(speed, reach)
+        if (slower == speed).all():
+            break
+        speed = slower
+    return speed
+
 
 SPREAD_M = 250.0
 """Vehicles start within this distance of the ego (Sec. IV-B)."""
@@ -256,44 +343,6 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
         ),
         speed_gain=np.full(n, (traffic.speed_gain_min + traffic.speed_gain_max) / 2),
         is_truck=np.zeros(n, dtype=np.bool_),
-    )
-
-
-def with_stated_values(
-    population: Population,
-    stated: Sequence[Mapping[str, float]],
-    length_m: FloatArray,
-    lap_m: float,
-) -> Population:
-    """Return a population whose vehicles have what their types state (``CustomVehicleType``).
-
-    ``stated`` and ``length_m`` have one entry for each row. Each vehicle is then slow enough at the
-    start for its own parameters and for the vehicle ahead.
-    """
-    if not any(stated):
-        return population
-    desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
-    acceleration = population.acceleration_m_s2.copy()
-    for row, values in enumerate(stated):
-        desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
-        headway[row] = values.get("headway_s", headway[row])
-        acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
-    rows = np.arange(len(desired))
-    ahead_m = (population.front_m - population.front_m[:, None]) % lap_m
-    ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
-        math.inf
-    )
-    leader = ahead_m.argmin(axis=1)
-    gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
-    speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
-    if population.ids[0] == EGO_ID:
-        speed[0] = population.speed_m_s[0]
-    return replace(
-        population,
-        speed_m_s=speed,
-        desired_speed_m_s=desired,
-        headway_s=headway,
-        acceleration_m_s2=acceleration,
     )
 
 

@@ -13,11 +13,12 @@ from drl_av.errors import SimulationError
 from drl_av.road.snapshot import (
     EGO,
     EGO_ID,
+    NO_COMMANDS,
     Collision,
     CollisionKind,
     Command,
     Snapshot,
-    TrafficCommand,
+    TrafficCommands,
 )
 from drl_av.road.sweep import LATERAL_SPEED_M_S, Displacement, VehicleRectangles, displacement
 from drl_av.scenarios.folder import Scenario
@@ -25,10 +26,10 @@ from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color, GuiCamera
 from drl_av.simulation.instances import acquire
 from drl_av.simulation.population import DriverModel, Population
+from drl_av.simulation.speed_requests import SpeedRequests
 from drl_av.simulation.sumo import connection, option_words, require_display, start
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
-    SpeedRequests,
     StateReader,
     ask_for_lane_changes,
     clear_the_road,
@@ -78,6 +79,8 @@ class Simulation:
         others = scenario.vehicle_types.others.values()
         speeds_m_s = (kind.lateral_speed_m_s for kind in others)
         self._fastest_aside_m_s = max(LATERAL_SPEED_M_S, *speeds_m_s)
+        inflow = scenario.layout.start
+        self._watched_m = math.inf if inflow is None else inflow.span_m
         self._step_ms = round(1000 * config.simulation.step_length_s)
 
     def reset(self, seed: int, vehicles: int) -> Snapshot:
@@ -108,18 +111,24 @@ class Simulation:
         if self._gui:
             self._window = GuiCamera(self._sumo, self.scenario.layout)
         self._steps = 0
+        self.requests: dict[int, tuple[int, float]] = {}
+        """By row the last lane change that was requested: the lane, and the time of its end."""
         self._ego_y_m = self.road.center_m(int(self.fleet.population.lane[EGO]))
         self._ego_lateral_speed_m_s: float | None = 0.0
-        self._requests = SpeedRequests(self._sumo, self._config.simulation.step_length_s)
+        step_s = self._config.simulation.step_length_s
+        self._requests = SpeedRequests(self._sumo, step_s, self.road, self._watched_m)
         self._watch()
         self._read()
         return self._snapshot()
 
-    def _watch(self) -> None:
-        """Prepare to read the vehicles that are on the road now, and to find their collisions."""
+    def _watch(self, kept: Sequence[int] = ()) -> None:
+        """Prepare to read the vehicles that are on the road now, and to find their collisions.
+
+        The first of them had the rows ``kept`` before.
+        """
         fleet = self.fleet
         self._states.watch(fleet.ids, fleet.length_m)
-        self._requests.watch(fleet.ids)
+        self._requests.watch(fleet.ids, fleet.length_m, fleet.width_m, kept)
         sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
         self._bodies = VehicleRectangles(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
 
@@ -136,7 +145,7 @@ class Simulation:
         self._ego_lateral_speed_m_s = None
 
     def advance(
-        self, commands: Sequence[Command], traffic_commands: Sequence[TrafficCommand] = ()
+        self, commands: Sequence[Command], traffic_commands: TrafficCommands = NO_COMMANDS
     ) -> tuple[Snapshot, Collision | None]:
         """Execute one command for the ego in each SUMO step, until the ego collides.
 
@@ -158,14 +167,18 @@ class Simulation:
                     vehicle, ids[row]
                 ):
                     vehicle.changeLaneRelative(ids[row], side, LANE_CHANGE_S)
+                    lane = self.road.lane_of(float(self._state[1, row])) + side
+                    self.requests[row] = lane, self._time_s + LANE_CHANGE_S
             ask_for_lane_changes(vehicle, ids, traffic_commands, timing)
-            asks = traffic_commands or self._config.traffic.keep_stopping_distance
+            asks = len(traffic_commands.rows) or self._config.traffic.keep_stopping_distance
+            if asks:
+                self._requests.begin(self._state, traffic_commands)
             near: Sequence[int] = range(EGO + 1, len(ids))
             if self._ego_lateral_speed_m_s is not None:
                 near = self._bodies.within_reach(self._state, commands, timing.step_length_s)
             for command in commands:
                 if asks:
-                    self._requests(traffic_commands)
+                    self._requests()
                 collision = self._step(command, near)
                 if collision is not None:
                     break
@@ -201,14 +214,15 @@ class Simulation:
         kept, entering = exchanged
         for first, vehicle in enumerate(entering, start=len(kept)):
             self._populate(vehicle, first)
-        self._watch()
+        self._watch(kept)
         entered = self._states.state(len(kept))
         self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
         self._moved = {}
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
-        as_written = self.scenario.as_written and not self._sumo_options
+        own = self._sumo_options or self.scenario.description.additional_files
+        as_written = self.scenario.as_written and not own
         if self._owns_sumo() and as_written and not self._gui:
             with suppress(*self._errors):  # if SUMO has ended, or another program has changed it
                 clear_the_road(self._sumo)

@@ -1,30 +1,23 @@
 """All calls on a vehicle of SUMO: it is added, commanded, handed over, read and removed."""
 
-import math
 import struct
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from drl_av.compiled import compiled, squared
+from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, SimulationConfig, TrafficConfig
 from drl_av.road.road import CENTERED_M, FloatArray
-from drl_av.road.snapshot import EGO, EGO_ID, TrafficCommand
+from drl_av.road.snapshot import EGO_ID, TrafficCommands
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.layout import Layout, route_on
 from drl_av.simulation.population import Population
 from drl_av.simulation.sumo import getters
 
-IntArray = npt.NDArray[np.int64]
 LANE_CHANGES_ON_REQUEST = 1536
 """SUMO's lane change mode: change lanes on request only, if the gaps are safe, and keep centred."""
-LEFT_TO_SUMO = -1.0
-"""The argument of ``setSpeed`` that returns the control of the speed to SUMO."""
-LOOK_AHEAD_M = 200.0
-"""Range in which SUMO looks for a vehicle ahead; longer than any stopping distance."""
 
 
 def leave_to_commands(vehicle: Any, name: str) -> None:
@@ -49,7 +42,7 @@ def is_centered(vehicle: Any, name: str) -> bool:
 def ask_for_lane_changes(
     vehicle: Any,
     ids: Sequence[str],
-    traffic_commands: Sequence[TrafficCommand],
+    traffic_commands: TrafficCommands,
     timing: SimulationConfig,
 ) -> None:
     """Request the lane changes of ``traffic_commands``, valid until the next decision.
@@ -57,56 +50,10 @@ def ask_for_lane_changes(
     SUMO completes each lane change that it has begun. ``vehicle`` is the domain ``vehicle`` of
     libsumo or traci; ``ids`` holds the SUMO id of the vehicle in each row of the snapshot.
     """
-    for row, _, side in traffic_commands:
-        if side and is_centered(vehicle, ids[row]):
-            vehicle.changeLaneRelative(ids[row], side, timing.decision_interval_s)
-
-
-class SpeedRequests:
-    """Requests speeds of the background vehicles for the end of the next SUMO step.
-
-    Each requested speed is at most ``stoppable_speed``, because SUMO's IDM brakes too late behind a
-    vehicle that brakes fully, as level-0 drivers do. This limit also applies to the vehicles that
-    SUMO drives. SUMO may still brake harder than requested.
-    """
-
-    def __init__(self, sumo: ModuleType, step_s: float) -> None:
-        self._set_speed, self._step_s = sumo.vehicle.setSpeed, float(step_s)
-        names = ("getSpeed", "getLeader", "getSpeedWithoutTraCI", "getAcceleration")
-        self._speed, self._leader, self._without, self._acceleration = getters(sumo, names)
-        self._limits = getters(sumo, ("getDecel", "getAccel"))
-
-    def watch(self, ids: Sequence[str]) -> None:
-        """Set the vehicles on the road; the limits of each vehicle's acceleration are constant."""
-        self._ids = ids
-        self._ranges_m = [LOOK_AHEAD_M] * len(ids)
-        self._limit_m_s2 = np.array([[*map(limit, ids)] for limit in self._limits])
-        self._left_to_sumo = [False] * len(ids)
-
-    def __call__(self, traffic_commands: Sequence[TrafficCommand]) -> None:
-        """Request the speeds of ``traffic_commands``, and limit those of all other vehicles."""
-        ids, n = self._ids, len(self._ids)
-        leaders = map(self._leader, ids, self._ranges_m)
-        names, gaps_m = zip(*(one or NO_LEADER for one in leaders), strict=True)
-        speeds = [*map(self._speed, ids)]
-        by_name = dict(zip(ids, speeds, strict=True))
-        by_name[NO_LEADER[0]] = math.nan
-        ahead_m_s: list[Any] = [*map(by_name.get, names)]
-        if None in ahead_m_s:  # a vehicle that has left the part of an open road that we watch
-            ahead_m_s = [by_name[one] if one in by_name else self._speed(one) for one in names]
-        state = packed((*gaps_m, *ahead_m_s, *speeds), 3)
-        ours = [row for row, _, _ in traffic_commands]
-        named = [ids[row] for row in ours]
-        wanted_m_s2 = [acceleration_m_s2 for _, acceleration_m_s2, _ in traffic_commands]
-        read = *map(self._without, named), *map(self._acceleration, named)
-        wishes, requested = packed((*ours, *wanted_m_s2, *read), 4), np.empty(n)
-        requested_speeds(state, self._limit_m_s2, wishes, self._step_s, requested)
-        before = self._left_to_sumo
-        for row, (name, speed) in enumerate(zip(ids, requested.tolist(), strict=True)):
-            leaves = speed == LEFT_TO_SUMO
-            if row != EGO and not (leaves and before[row]):
-                self._set_speed(name, speed)
-                before[row] = leaves
+    for one in traffic_commands.side.nonzero()[0].tolist():
+        name, side = ids[traffic_commands.rows[one]], int(traffic_commands.side[one])
+        if is_centered(vehicle, name):
+            vehicle.changeLaneRelative(name, side, timing.decision_interval_s)
 
 
 def packed(numbers: Sequence[float], rows: int) -> FloatArray:
@@ -114,69 +61,6 @@ def packed(numbers: Sequence[float], rows: int) -> FloatArray:
     memory = bytearray(8 * len(numbers))
     struct.pack_into(f"{len(numbers)}d", memory, 0, *numbers)
     return np.frombuffer(memory).reshape(rows, -1)
-
-
-NO_LEADER = ("", -1.0)
-"""What SUMO says where no vehicle is ahead; traci says None."""
-
-
-@compiled
-def requested_speeds(
-    state: FloatArray,
-    limits_m_s2: FloatArray,
-    wishes: FloatArray,
-    step_s: float,
-    requested_m_s: FloatArray,
-) -> None:
-    """Set ``requested_m_s`` to the speed to request for each vehicle, or to ``LEFT_TO_SUMO``.
-
-    SUMO must keep control of the speed while its models brake the vehicle themselves. It does so to
-    make room for a lane change, and in an emergency, in which it brakes harder than a request may.
-    SUMO keeps control until it brakes normally again.
-
-    Args:
-        state: The gap to the vehicle ahead of each vehicle, without SUMO's minimum gap; its speed,
-            nan if there is none; and the speed of the vehicle. The shape is (3, 1 + N).
-        limits_m_s2: The hardest braking and the largest acceleration, shape (2, 1 + N).
-        wishes: The row of each vehicle that a driver of ours drives; the acceleration that it
-            wants; the speed that SUMO's models chose in the last step; and the acceleration in this
-            step. The shape is (4, R).
-        step_s: The length of a SUMO step, seconds.
-        requested_m_s: The result, shape (1 + N,).
-    """
-    for row in range(len(requested_m_s)):
-        most = most_speed(state[:, row], limits_m_s2[0, row], step_s)
-        within_reach = most < state[2, row] + limits_m_s2[1, row] * step_s
-        requested_m_s[row] = most if within_reach else LEFT_TO_SUMO
-    for one in range(wishes.shape[1]):
-        row = int(wishes[0, one])
-        speed, braking_m_s2 = state[2, row], limits_m_s2[0, row]
-        most = most_speed(state[:, row], braking_m_s2, step_s)
-        brakes = wishes[2, one] < speed - 1e-6 or wishes[3, one] < -braking_m_s2 - 1e-6
-        if most >= speed and brakes:
-            requested_m_s[row] = LEFT_TO_SUMO
-        else:
-            requested_m_s[row] = min(most, max(0.0, speed + wishes[1, one] * step_s))
-
-
-def most_speed(state: FloatArray, braking_m_s2: float, step_s: float) -> float:
-    """Return ``stoppable_speed`` of a vehicle, whose column of ``state`` is given; inf if free."""
-    if np.isnan(state[1]):
-        return np.inf
-    return stoppable_speed(state[0], state[1], braking_m_s2, step_s)
-
-
-def stoppable_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:
-    """Return the largest speed, m/s, from which a vehicle can stop behind the vehicle ahead.
-
-    The formula is ours, with h = ``step_s``: both vehicles brake with b, the limit of the vehicle
-    behind. The vehicle ahead brakes at once from speed u and covers u^2 / 2b - u h / 2. The vehicle
-    behind first drives one step at speed v and covers v^2 / 2b + v h / 2 in all. When both stand,
-    ``gap_m`` is used up, and SUMO's minimum gap, which it does not contain, is left between them.
-    """
-    b, u = braking_m_s2, ahead_m_s
-    room_m = max(gap_m, 0.0) + max(squared(u) / (2 * b) - u * step_s / 2, 0.0)
-    return b * (math.sqrt(squared(step_s) / 4 + 2 * room_m / b) - step_s / 2)
 
 
 ALL_SPEED_CHECKS_OFF = 32

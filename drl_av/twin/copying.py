@@ -9,6 +9,7 @@ from drl_av.config import Config
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.population import Population
+from drl_av.twin.following import EPS
 from drl_av.twin.lane_change import change_lane
 from drl_av.twin.lane_speeds import needs_thought
 from drl_av.twin.neighbors import link, shadow_lane
@@ -81,7 +82,7 @@ def copy_scene(
 
 def rest_of_change(lane: int, aside_m: float, width_m: float, target: int, loop: Loop) -> float:
     """Return the lateral distance left until a body is wholly in its target lane, left positive."""
-    least_m = 0.5 * loop.lane_m - 0.5 * width_m  # from the centre of the target lane
+    least_m = 0.5 * loop.lane_m - 0.5 * (width_m + EPS)  # from the centre of the target lane
     away_m = (target - lane) * loop.lane_m - aside_m
     return math.copysign(max(abs(away_m) - least_m, 0.0), away_m)
 

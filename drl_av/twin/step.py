@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from drl_av.compiled import borrowing, inlined
+from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import (
     activate,
     keep_active,
@@ -37,6 +38,7 @@ from drl_av.twin.neighbors import (
     insert_sorted,
     link,
 )
+from drl_av.twin.requests import request_speeds
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
@@ -54,12 +56,14 @@ from drl_av.twin.worlds import (
     MASK,
     NEXT_M_S,
     ORDER,
+    REQUESTED_M_S,
     RESERVED,
     SHADOW,
     SPEED_M_S,
     STATE,
     STEP,
     THRESHOLD_LEFT,
+    UNASKED_M_S,
     Loop,
     World,
 )
@@ -68,6 +72,8 @@ from drl_av.twin.worlds import (
 @borrowing
 def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) -> None:
     """Advance the world ``w`` by one SUMO step, in which the ego reaches this speed and place."""
+    if loop.keeps_stopping_distance:
+        request_speeds(world, loop)
     for k in range(world.near[COUNT]):
         i = world.z[ORDER, k]
         world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, loop, k)
@@ -80,7 +86,7 @@ def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) ->
 
 @inlined
 def next_speed(world: World, loop: Loop, k: int) -> float:
-    """Return the speed of the ``k``-th vehicle after the step, by IDM and the advice it got."""
+    """Return the speed of the ``k``-th vehicle after the step, by IDM, advice and request."""
     i = world.z[ORDER, k]
     at_m, speed, desired = world.x[FRONT_M, i], world.x[SPEED_M_S, i], world.x[DESIRED_M_S, i]
     least = max(speed - MOST_BRAKING_M_S, 0.0)
@@ -102,6 +108,18 @@ def next_speed(world: World, loop: Loop, k: int) -> float:
         )
         planned = min(planned, max(free, least))
     planned = max(least, min(planned, behind, top, fastest))
+    chosen = with_advice(world, i, planned, least)
+    world.x[UNASKED_M_S, i] = chosen
+    request = world.x[REQUESTED_M_S, i]
+    return chosen if request == LEFT_TO_SUMO else max(least, min(request, planned))
+
+
+@inlined
+def with_advice(world: World, i: int, planned: float, least: float) -> float:
+    """Return the speed that a vehicle chooses for the lane changes around; ``least`` is possible.
+
+    A request that is not left to SUMO overrides it.
+    """
     advice = world.x[ADVICE_M_S, i]
     if advice <= planned:
         return advice

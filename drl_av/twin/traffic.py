@@ -15,6 +15,7 @@ from drl_av.simulation.population import (
     require_speed_limit,
     require_truck_width,
 )
+from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import STEP_S
 from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted, link
@@ -35,6 +36,7 @@ from drl_av.twin.worlds import (
     ORDER,
     REQUEST_END,
     REQUEST_LANE,
+    REQUESTED_M_S,
     RESERVED,
     SHADOW,
     SPEED_M_S,
@@ -42,8 +44,9 @@ from drl_av.twin.worlds import (
     THRESHOLD_RIGHT,
     TRACKED,
     TRACKED_LEFT,
-    WANTED_SPEED_M_S,
+    UNASKED_M_S,
     WIDTH_M,
+    WISH_M_S2,
     IntArray,
     Loop,
     World,
@@ -98,7 +101,6 @@ def require_supported(scenario: Scenario, config: Config) -> None:
             timing.lateral_resolution_m, scenario.road.lane_width_m
         ),
         "finite-state, level-k and hard-braking drivers": any(traffic.shares),
-        "traffic.keep_stopping_distance": traffic.keep_stopping_distance,
         "a list of traffic.presets": bool(traffic.presets),
     }
     for what, is_so in refused.items():
@@ -134,6 +136,21 @@ def draw_traffic(
     return population, np.concatenate(found).astype(np.int64)
 
 
+def draw_future(
+    rng: np.random.Generator, vehicles: int, config: Config, first: int, decisions: int
+) -> IntArray:
+    """Draw random lane changes in ``decisions`` decisions from ``first`` on, as they occur.
+
+    They have the form and the distribution of those of ``draw_traffic``.
+    """
+    chance = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
+    cells = decisions * vehicles
+    drawn = np.sort(rng.choice(cells, rng.binomial(cells, chance), replace=False))
+    side = rng.choice((-1, 1), len(drawn))
+    decision, row = np.divmod(drawn, max(vehicles, 1))
+    return np.stack((first + decision, 1 + row, side), axis=1).astype(np.int64)
+
+
 def place_vehicles(
     world: World, loop: Loop, population: Population, scenario: Scenario, config: Config
 ) -> None:
@@ -155,7 +172,8 @@ def place_vehicles(
     with np.errstate(divide="ignore"):  # a driver without lcSpeedGain changes for no gain
         x[THRESHOLD_LEFT, :n] = GAIN / population.speed_gain
     x[THRESHOLD_RIGHT] = RIGHT_RELUCTANCE * x[THRESHOLD_LEFT]
-    x[WANTED_SPEED_M_S], x[ADVICE_M_S] = np.inf, np.inf
+    x[ADVICE_M_S], x[WISH_M_S2] = np.inf, np.nan
+    x[REQUESTED_M_S], x[UNASKED_M_S] = LEFT_TO_SUMO, -1.0
     for lane in range(loop.lanes):
         is_open = loop.first_open <= lane <= loop.last_open
         x[EXPECTED_M_S + lane] = x[DESIRED_M_S] if is_open else -1.0

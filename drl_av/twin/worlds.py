@@ -27,7 +27,9 @@ IntArray = npt.NDArray[np.int64]
     ACCELERATION_M_S2,
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
-    WANTED_SPEED_M_S,
+    WISH_M_S2,
+    UNASKED_M_S,
+    REQUESTED_M_S,
     MANEUVER_M,
     COMMANDED_M,
     GAIN_LEFT,
@@ -35,16 +37,19 @@ IntArray = npt.NDArray[np.int64]
     ADVICE_M_S,
     NEXT_M_S,
     EXPECTED_M_S,
-) = range(20)
+) = range(22)
 """The rows of ``x``.
 
 ``FRONT_M`` is the position of the front bumper in [0, lap), ``ASIDE_M`` the offset of the body's
 centre from the centre of its lane, left positive. ``ACCELERATION_NOW_M_S2`` is the change of the
 speed in the last step divided by its length. SUMO's parameters of a driver are ``DESIRED_M_S``,
 ``HEADWAY_S``, ``ACCELERATION_M_S2``, and the speed gains from which it changes to the left and to
-the right. ``WANTED_SPEED_M_S`` bounds the next speed by a command (inf without one),
-``ADVICE_M_S`` by the lane changes around (inf without one). ``MANEUVER_M`` is the lateral distance
-left of the lane change in progress, ``COMMANDED_M`` the same of one that was requested.
+the right. ``WISH_M_S2`` is the acceleration that a driver of ours wants, nan if SUMO drives;
+``REQUESTED_M_S`` is the speed requested for this step (``LEFT_TO_SUMO`` without a request), and
+``UNASKED_M_S`` the one that SUMO's models chose in the last step without regard to a request.
+``ADVICE_M_S`` bounds the next speed for the lane changes around (inf without one). ``MANEUVER_M``
+is the lateral distance left of the lane change in progress, ``COMMANDED_M`` the same of one that
+was requested.
 ``GAIN_LEFT`` and ``GAIN_RIGHT`` are SL2015's memory of faster lanes, and the rows from
 ``EXPECTED_M_S`` on, one a lane, the speeds that it expects there. ``NEXT_M_S`` is scratch.
 """

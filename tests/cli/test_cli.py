@@ -86,7 +86,6 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
         ["replay", "--rate", "0"],
         ["replay", "--rate", "nan"],
         ["replay", "--rate", "1e-320"],
-        ["replay", "run", "--driver", "idm"],
         ["replay", "--gui", "--video", "drive.mp4"],
     ],
 )

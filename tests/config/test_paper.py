@@ -49,8 +49,6 @@ PAPER = {
         "learning.mirrored": False,
         "learning.permitted_only": False,
         "learning.speed_weight": 0.0,
-        "learning.acceleration_margin": 0.0,
-        "learning.abort_margin": 0.0,
         "learning.unsafe_penalty": 0.0,
         "learning.collisions_to_start": 0,
     },

@@ -1,5 +1,6 @@
 """Settings explained: comments that change nothing, units, bounds, and defaults where changed."""
 
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,8 @@ import pytest
 from drl_av.cli import main
 from drl_av.config import Config, from_toml
 from drl_av.config.presets import PRESETS
-from drl_av.config.reference import annotated_toml, settings
+from drl_av.config.reference import SECTIONS, annotated_toml, settings
+from drl_av.config.schema import meanings
 from drl_av.errors import ConfigError
 
 OF = {(setting.section, setting.key): setting for setting in settings(Config())}
@@ -16,6 +18,37 @@ OF = {(setting.section, setting.key): setting for setting in settings(Config())}
 @pytest.mark.parametrize("name", PRESETS)
 def test_the_annotated_text_reads_back_as_the_same_config(name: str) -> None:
     assert from_toml(annotated_toml(PRESETS[name])) == PRESETS[name]
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_the_docstring_of_a_section_says_what_each_setting_is_and_names_no_other(
+    section: str,
+) -> None:
+    part = type(getattr(Config(), section))
+    assert [*meanings(part)] == [item.name for item in fields(part)]
+
+
+@dataclass
+class Boat:
+    """A boat, which is 3 m long (ours).
+
+    sail: cloth that the wind fills (on
+        good days) and that falls otherwise (Noah 1999)
+    oar_m: length: of an oar (Table I)
+
+    Raises:
+        ConfigError: it sinks (ours).
+    """
+
+    sail: str = "white"
+    oar_m: float = 2.0
+
+
+def test_a_meaning_goes_on_in_indented_lines_and_ends_with_its_source() -> None:
+    assert meanings(Boat) == {
+        "sail": ("cloth that the wind fills (on good days) and that falls otherwise", "Noah 1999"),
+        "oar_m": ("length: of an oar", "Table I"),
+    }
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from drl_av import cli
 from drl_av.config import TRAFFIC_PRESETS, Config, TrafficConfig, from_toml, load_config
 from drl_av.config.presets import as_config
-from drl_av.config.traffic_presets import traffic_preset
+from drl_av.config.traffic import traffic_preset
 from drl_av.errors import ConfigError
 
 KINDS = tuple(TRAFFIC_PRESETS)

@@ -25,7 +25,6 @@ from worlds import (
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.learned import (
     LearnedDriver,
-    Margins,
     Values,
     learned_driver,
     mean_values,
@@ -53,7 +52,7 @@ def stated(values: dict[int, float]) -> Values:
 
 
 def decided(values: dict[int, float], margin: float, scene: Scene = ALONE) -> int:
-    return LearnedDriver(stated(values), Margins(margin)).act(scene, S_T).number
+    return LearnedDriver(stated(values), margin).act(scene, S_T).number
 
 
 @pytest.mark.parametrize(
@@ -72,39 +71,7 @@ def test_a_lane_change_begins_only_where_it_gains_more_than_the_margin(
     assert decided(values, margin) == expected
 
 
-@pytest.mark.parametrize(
-    ("back", "expected"),
-    [
-        (0.59, ACCELERATE),  # going on is worth 0.5, and an abort must be worth 0.1 more
-        (0.61, MAINTAIN_RIGHT),
-    ],
-)
-def test_a_lane_change_is_aborted_only_where_this_gains_more_than_its_margin(
-    back: float, expected: int
-) -> None:
-    driver = LearnedDriver(stated({ACCELERATE: 0.5, MAINTAIN_RIGHT: back}), Margins(0.7, abort=0.1))
-    assert driver.act(UNDER_WAY, S_T).number == expected
-    assert driver.act(ALONE, S_T).number == ACCELERATE
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ({MAINTAIN: 0.3, ACCELERATE: 0.34, BRAKE: 0.33}, MAINTAIN),
-        ({MAINTAIN: 0.3, ACCELERATE: 0.36, BRAKE: 0.33}, ACCELERATE),
-        ({MAINTAIN: 0.3, ACCELERATE: 0.33, BRAKE: 0.36}, BRAKE),
-        ({ACCELERATE: 0.36, BRAKE: 0.35}, ACCELERATE),  # both lose it
-        ({MAINTAIN: 0.3, MAINTAIN_RIGHT: 0.34, ACCELERATE_LEFT: 0.38}, MAINTAIN_RIGHT),
-    ],
-)
-def test_the_speed_changes_only_where_this_gains_more_than_its_margin(
-    values: dict[int, float], expected: int
-) -> None:
-    driver = LearnedDriver(stated(values), Margins(acceleration=0.05))
-    assert driver.act(ALONE, S_T).number == driver.act(UNDER_WAY, S_T).number == expected
-
-
-def test_without_its_own_margin_a_lane_change_goes_on_or_back_by_value_alone() -> None:
+def test_a_lane_change_that_has_begun_goes_on_or_back_by_value_alone() -> None:
     back, on = {ACCELERATE: 0.5, MAINTAIN_RIGHT: 0.501}, {ACCELERATE: 0.5, ACCELERATE_LEFT: 0.501}
     assert decided(back, 0.2, UNDER_WAY) == MAINTAIN_RIGHT
     assert decided(on, 0.2, UNDER_WAY) == ACCELERATE_LEFT
@@ -190,10 +157,10 @@ def test_a_lane_change_that_has_begun_goes_on_before_any_vehicle() -> None:
 
 
 def test_the_margin_counts_before_the_permission() -> None:
-    values = {ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9}
-    driver = LearnedDriver(stated(values)).limited_to(lambda scene, action: True)
-    assert driver.with_margins(Margins(0.3)).act(ALONE, S_T).number == ACCELERATE_LEFT
-    assert driver.with_margins(Margins(0.5)).act(ALONE, S_T).number == ACCELERATE
+    values = stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.9})
+    for margin, expected in ((0.3, ACCELERATE_LEFT), (0.5, ACCELERATE)):
+        driver = LearnedDriver(values, margin).limited_to(lambda scene, action: True)
+        assert driver.act(ALONE, S_T).number == expected
 
 
 @given(
@@ -215,10 +182,9 @@ def test_the_margin_decides_between_lanes_and_never_between_speeds(values, margi
 
 
 def test_algorithm_1_meets_lane_changes_that_the_margin_keeps_its_driver_from() -> None:
-    driver = LearnedDriver(stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.51}), Margins(0.02))
+    driver = LearnedDriver(stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.51}), 0.02)
     assert driver.greedy(S_T) == ACCELERATE_LEFT
     assert driver.act(ALONE, S_T).number == ACCELERATE
-    assert driver.with_margins(Margins(0.005)).act(ALONE, S_T).number == ACCELERATE_LEFT
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

@@ -6,8 +6,7 @@ import pytest
 from worlds import BARRICADED_ROAD, LEFT, RIGHT, Car, ahead, behind, scene
 
 from drl_av.config import Config, MobilConfig
-from drl_av.drivers.rule_based import MobilDriver
-from drl_av.drivers.rules import mandatory_bias, mobil_gain
+from drl_av.drivers.rule_based import MobilDriver, mandatory_bias, mobil_gain
 from drl_av.driving.actions import Lateral
 from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene

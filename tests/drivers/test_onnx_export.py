@@ -77,7 +77,6 @@ def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: 
     assert indicators[24] == {"name": "ego_v_x", "meaning": "speed of the ego, m/s"}
     assert (actions[0], actions[5], actions[11]) == tuple(str(ACTIONS[n]) for n in (0, 5, 11))
     assert held["lane_change_margin"] == "0.04"
-    assert held["abort_margin"] == held["acceleration_margin"] == "0.0"
     assert from_toml(held["config"]) == load_learned(PRETRAINED)[1]
 
 

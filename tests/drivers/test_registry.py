@@ -48,8 +48,8 @@ def test_a_driver_of_another_program_is_one_line_away(
     assert "did you mean 'cautious'?" in " ".join(capsys.readouterr().err.split())
 
 
-def test_the_planner_and_learned_drivers_are_no_baselines() -> None:
-    names = ["mine", "planner", "sumo", "pretrained", "idm", "sumo"]
+def test_learned_drivers_are_no_baselines() -> None:
+    names = ["mine", "sumo", "pretrained", "idm", "sumo"]
     assert baselines(names) == ["sumo", "idm"]
 
 
@@ -84,7 +84,6 @@ def test_a_run_with_the_name_of_a_driver_keeps_its_path(tmp_path: Path) -> None:
     ("driver", "check"),
     [
         ("pretrained", "strict"),
-        ("pretrained-smooth", "strict"),
         ("pretrained-paper", "paper"),
         (str(PRETRAINED), "paper"),
     ],
@@ -126,7 +125,9 @@ def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
     assert default_config(find_drivers(["idm"])) == Config()
 
 
-def test_a_run_drives_with_its_own_margins_unless_the_config_has_others(tmp_path: Path) -> None:
+def test_a_run_drives_with_the_margin_of_its_training_whatever_the_config_has(
+    tmp_path: Path,
+) -> None:
     network = QNetwork(np.random.default_rng(0))
     network.flat[:] = 0
     network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
@@ -143,11 +144,8 @@ def test_a_run_drives_with_its_own_margins_unless_the_config_has_others(tmp_path
     base = default_config(specs)
     assert base.learning.lane_change_margin == 2
     assert decided(base.updated("reward", collision_reward=-1.0)) == [KEEP, LEFT]
-    assert decided(base.updated("learning", lane_change_margin=0.2)) == [LEFT, LEFT]
-    assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, KEEP]
-    # with any other margin that of the first for lane changes holds for both
-    assert decided(base.updated("learning", abort_margin=0.1)) == [KEEP, KEEP]
-    assert decided(base.updated("learning", acceleration_margin=0.1)) == [KEEP, KEEP]
+    assert decided(base.updated("learning", lane_change_margin=0.2)) == [KEEP, LEFT]
+    assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, LEFT]
 
 
 @pytest.mark.parametrize(

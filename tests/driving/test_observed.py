@@ -5,8 +5,7 @@ from worlds import CENTER, LEFT, ROAD, changing, scene, snapshot
 
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal, nearest_action
-from drl_av.driving.infer_action import infer_action
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.scene import LaneChange, Scene, infer_action
 
 CONFIG = Config()
 MAINTAIN = Longitudinal.MAINTAIN

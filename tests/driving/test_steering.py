@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drl_av.config import EgoConfig
-from drl_av.driving.steering import (
+from drl_av.driving.maneuver import (
     Pose,
     curvature_command,
     lane_change_length,

@@ -72,6 +72,7 @@ def test_info_of_a_step_tells_what_happened(env: HighwayEnv) -> None:
     assert set(info) == {
         *("proposed_action", "executed_action", "rule", "rewards", "collision", "collided_with"),
         *("way", "speed_m_s", "indicators", "seed", "vehicles"),
+        *("is_success", "mean_speed_m_s", "ego_hit", "safety_triggers"),
     }
     assert (info["proposed_action"], info["seed"], info["vehicles"]) == (1, 3, 5)
     assert set(info["rewards"]) == {"r_v", "r_y", "r_x"}

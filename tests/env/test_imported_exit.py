@@ -42,13 +42,10 @@ def made(net: Path, tmp_path: Path, stack: ExitStack) -> Made:
     return make
 
 
-@pytest.mark.parametrize("name", ["planner", "gap-mobil"])
-def test_drivers_wait_for_the_lane_to_come_and_take_the_exit_under_strict(
-    name: str, made: Made
-) -> None:
+def test_a_driver_waits_for_the_lane_to_come_and_takes_the_exit_under_strict(made: Made) -> None:
     env = made("away", "strict")
     for seed in (0, 1):
-        for decision in rollout(env, load_driver(name, env.config), seed):
+        for decision in rollout(env, load_driver("gap-mobil", env.config), seed):
             shot = decision.next_scene.snapshot
             assert decision.collision is None
             if shot.s_m[0] + 2.5 < BEGINS_M:
@@ -61,10 +58,9 @@ def test_drivers_wait_for_the_lane_to_come_and_take_the_exit_under_strict(
         assert shot.y_m[1:][shot.s_m[1:] > EXIT_M].min() - 0.9 > LINE_M
 
 
-@pytest.mark.parametrize("name", ["planner", "gap-mobil"])
-def test_a_route_straight_on_is_driven_past_the_lane_of_the_exit(name: str, made: Made) -> None:
+def test_a_route_straight_on_is_driven_past_the_lane_of_the_exit(made: Made) -> None:
     env = made("e2", "strict")
-    for decision in rollout(env, load_driver(name, env.config), 0):
+    for decision in rollout(env, load_driver("gap-mobil", env.config), 0):
         assert decision.collision is None
         assert decision.route_outcome == ""
     assert decision.truncated

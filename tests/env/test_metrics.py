@@ -92,11 +92,12 @@ def test_a_row_of_three_decisions_worked_out_by_hand() -> None:
         ("hard_brakes", 1),
         ("d_safe_violations", 2),
         ("way", ""),
+        ("world", "sumo"),
     ]
 
 
 def test_the_way_is_a_column_only_where_the_ego_has_one() -> None:
-    names = [field.name for field in fields(EpisodeResult)]
+    names = [field.name for field in fields(EpisodeResult)][:-1]  # without the world
     loop = row(decision(), decision())
     assert [*loop.cells()] == names[:-1]
     assert not loop.missed

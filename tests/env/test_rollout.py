@@ -26,6 +26,7 @@ class ScriptedEnv:
     """An environment whose scene, observation and reward are numbered by the decision."""
 
     check_name = "scripted"
+    config = Config().updated("simulation", world="twin")
 
     def __init__(self, tape: list[str], decisions: int, *, terminated: bool = False) -> None:
         self._tape, self._decisions, self._terminated = tape, decisions, terminated
@@ -126,6 +127,7 @@ def test_drive_sums_up_every_decision_of_the_episode() -> None:
     assert (row.decisions, row.mean_speed_m_s) == (4, (11 + 12 + 13 + 14) / 4)
     assert row.mean_reward == pytest.approx(-0.25)
     assert row.hard_brakes == 1  # action 3
+    assert row.world == "twin"
 
 
 def test_on_the_real_road_the_next_scene_is_the_scene_of_the_next_decision() -> None:

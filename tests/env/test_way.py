@@ -44,6 +44,8 @@ def outcomes(env: HighwayEnv, *actions: int) -> list[str]:
         *_, terminated, truncated, info = env.step(action)
         found.append(info["way"])
         over = terminated or truncated
+        fails = terminated or info["way"] in ("exit missed", "not merged")
+        assert info["is_success"] is (over and not fails)
     return found
 
 

@@ -33,7 +33,7 @@ def rules(times: int = 1) -> list[EpisodeResult]:
     return [
         *drives("idm", 20.0, 20.0, 18.0, 18.0, times=times),
         *drives("sumo", 24.0, 22.0, 20.0, 18.0, times=times, hard_brakes=2),  # the fastest
-        *drives("planner", 30.0, 30.0, 30.0, 30.0, times=times),  # judged, and no bar for others
+        *drives("pretrained", 30.0, 30.0, 30.0, 30.0, times=times),  # judged, no bar for others
     ]
 
 
@@ -157,8 +157,8 @@ def test_with_criticality_comfort_is_nuplan_s_share_too() -> None:
 
 
 def test_without_a_rule_based_driver_no_driver_is_judged_and_other_traffic_is_refused() -> None:
-    assert judge(drives("mine", *FASTER)) == judge(drives("planner", *FASTER)) == []
-    assert [each.driver for each in judge(RULES)] == ["planner"]
+    assert judge(drives("mine", *FASTER)) == judge(drives("pretrained", *FASTER)) == []
+    assert [each.driver for each in judge(RULES)] == ["pretrained"]
     with pytest.raises(DrlAvError, match="mine and sumo did not drive the same traffic"):
         judge([*drives("mine", *FASTER[:2]), *RULES])
 
@@ -167,9 +167,9 @@ def test_the_function_returns_the_judgements() -> None:
     rows = Results([*drives("mine", *FASTER, times=ENOUGH), *rules(ENOUGH)])
     assert next((each.driver, each.passed) for each in rows.judgements) == ("mine", True)
     settings = {"simulation": {"decisions_per_episode": 3}}
-    found = drl_av.evaluate(["random", "planner"], vehicles=2, episodes=1, config=settings)
+    found = drl_av.evaluate(["random", "pretrained"], vehicles=2, episodes=1, config=settings)
     assert [each.over for each in found.judgements] == ["random"]
-    assert [each.driver for each in found] == ["random", "planner"]
+    assert [each.driver for each in found] == ["random", "pretrained"]
 
 
 @pytest.mark.parametrize(("needed", "status"), [([], 0), (["--require-pass"], 1)])

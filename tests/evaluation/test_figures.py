@@ -1,5 +1,6 @@
 """The figures: what is drawn is what the tables say, each with its interval."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ from drl_av.config import Config
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.figure_style import save_figure
 from drl_av.evaluation.figures import (
+    STYLES,
     learning_figure,
     profile_figure,
     reward_figure,
     speed_figure,
+    styles_of,
 )
 from drl_av.evaluation.statistics import moving_average
 from drl_av.evaluation.table import require_values
@@ -226,3 +229,34 @@ def test_a_figure_of_runs_says_their_check(here: Path) -> None:
     assert main([*words, "--safety-check", "permit_all"]) == 0
     assert main(["figures", "run", "--out", "learning.svg"]) == 0
     assert "safety check: permit_all" in Path("learning.svg").read_text()
+
+
+def test_no_two_drivers_of_a_figure_share_a_style_and_a_name_alone_keeps_its_own() -> None:
+    names = [f"run{number}" for number in range(30)]
+    alone = {name: styles_of([name])[name] for name in names}
+    assert len({*alone.values()}) < 30  # checksums meet
+    together = styles_of([*names, "idm", "pretrained@paper"])
+    assert len({*together.values()}) == 32
+    assert together == styles_of(["pretrained@paper", "idm", *names[::-1]])
+    assert (together["idm"], together["pretrained@paper"]) == (STYLES["idm"], STYLES["pretrained"])
+    seven = {color for color, _ in styles_of(names[:7]).values()}
+    assert len(seven) == 7  # a profile shows colours only
+    first, second = next(
+        (a, b) for a in names for b in names if a < b and alone[a][0] == alone[b][0]
+    )
+    pair = styles_of([second, first])
+    assert pair[first] == alone[first]
+    assert pair[second][0] != alone[second][0]
+
+
+@pytest.mark.parametrize(("columns", "width_in"), [("1", 3.5), ("2", 7.16)])
+def test_a_figure_is_as_wide_as_columns_of_a_paper_and_its_text_is_read(
+    columns: str, width_in: float, here: Path
+) -> None:
+    Path("rows.csv").write_text(f"{HEADER}idm,5,20\nidm,5,21\n")
+    words = ["figures", "rows.csv", "--columns", columns]
+    assert main([*words, "--out", "f.svg"]) == 0
+    text = Path("f_mean_speed.svg").read_text()
+    [width] = re.findall(r'<svg .*?width="([\d.]+)pt"', text, re.DOTALL)
+    assert float(width) == pytest.approx(72 * width_in, abs=0.5)
+    assert {*re.findall(r"font-size: ([\d.]+)px", text)} == {"8"}

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drl_av.evaluation.surrogates import (
+from drl_av.evaluation.criticality import (
     Motion,
     Track,
     post_encroachment_time,

@@ -108,7 +108,7 @@ def test_the_tables_of_a_loop_have_no_way(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, summary = tmp_path / "rows.csv", tmp_path / "summary.json"
-    words = ["evaluate", "--driver", "idm", "planner", "--vehicles", "1", "--episodes", "1"]
+    words = ["evaluate", "--driver", "idm", "gap-mobil", "--vehicles", "1", "--episodes", "1"]
     (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
     words += ["--config", str(tmp_path / "short.toml"), "--criticality"]
     assert main([*words, "--out", str(out), "--json", str(summary)]) == 0

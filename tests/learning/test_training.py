@@ -14,7 +14,7 @@ from runs import files_of
 from worlds import ALONE, ROAD, ahead, scene
 
 from drl_av.config import REPLAYS, Config
-from drl_av.drivers.learned import LearnedDriver, Margins
+from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.network import QNetwork
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env.episode_start import TRAINING_SEED_RANGE
@@ -123,7 +123,7 @@ def always(action: int) -> LearnedDriver:
     """A driver to which one action is worth 1 more than any other, with a margin of 2."""
     values = np.zeros(12, np.float32)
     values[action] = 1.0
-    return LearnedDriver(lambda s: values.copy(), Margins(lane_change=2.0))
+    return LearnedDriver(lambda s: values.copy(), 2.0)
 
 
 def story(script: list[Step], **learning: Any) -> Story:

@@ -7,13 +7,21 @@ import numpy.typing as npt
 
 from drl_av.config import FiniteStateConfig
 from drl_av.drivers.background.finite_state import State
-from drl_av.drivers.driver import Decisions
 from drl_av.driving.affordances import SIDES
 from drl_av.road.road import CENTERED_M, FloatArray, Road
 from drl_av.road.snapshot import Snapshot
 
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
+
+
+class Decisions(NamedTuple):
+    """Decisions of R vehicles; arrays of shape (R,)."""
+
+    acceleration_m_s2: FloatArray
+    side: IntArray
+
+
 OWN, RIGHT, LEFT = range(3)
 """Indices of the lane axis: a vehicle's own lane, the lane to its right, the lane to its left."""
 FRONT, REAR = range(2)

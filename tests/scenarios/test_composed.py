@@ -9,9 +9,9 @@ from drives import KEEP
 from runs import error_message
 
 from drl_av.cli import main
+from drl_av.cli.scenario import composed
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ScenarioError
-from drl_av.scenarios.composed import composed
 from drl_av.scenarios.folder import find_scenario, read_description
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.scenarios.road_description import PlacedVehicle

@@ -15,8 +15,8 @@ from plain_sumo import run_sumo
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
-from drl_av.scenarios.imported.attributes import REPORTED, TREATMENTS, Found, left_out
 from drl_av.scenarios.imported.description import ImportedDescription
+from drl_av.scenarios.imported.net_file import REPORTED, TREATMENTS, Found, left_out
 from drl_av.scenarios.netconvert import program
 
 XSD = program("netconvert").parents[1] / "data" / "xsd" / "net_file.xsd"

@@ -17,10 +17,10 @@ from drl_av.simulation.inflow import (
     draw_open_population,
     flow_speed,
     open_capacity,
+    safe_speed,
     vehicles_of_flow,
 )
-from drl_av.simulation.population import Population
-from drl_av.simulation.start_positions import safe_speed, safe_speeds
+from drl_av.simulation.population import Population, safe_speeds
 
 TRAFFIC, EGO, LENGTH_M = TrafficConfig(), EgoConfig(), 5.0
 STRAIGHT = OpenStart((0, 1, 2), 2400.0, 1000.0, None, 300.0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drl_av.config import Config
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
@@ -12,21 +13,23 @@ from drl_av.env.vector import TwinVectorEnv
 
 
 @pytest.mark.parametrize(
-    ("scenario", "check", "vehicles", "seed", "decisions"),
+    ("traffic", "scenario", "check", "vehicles", "seed", "decisions"),
     [
-        ("circular_three_lane", "paper", 5, 1000, 200),
-        ("circular_three_lane", "paper", 20, 1001, 200),
-        ("circular_three_lane", "paper", 20, 1003, 200),
-        ("circular_three_lane", "strict", 20, 1004, 60),
-        ("circular_three_lane", "permit_all", 30, 1001, 200),
-        ("barricaded_right_lane", "paper", 14, 1002, 100),
+        ("calm", "circular_three_lane", "paper", 5, 1000, 200),
+        ("calm", "circular_three_lane", "paper", 20, 1001, 200),
+        ("calm", "circular_three_lane", "paper", 20, 1003, 200),
+        ("calm", "circular_three_lane", "strict", 20, 1004, 60),
+        ("calm", "circular_three_lane", "permit_all", 30, 1001, 200),
+        ("calm", "barricaded_right_lane", "paper", 14, 1002, 100),
+        ("naturalistic", "circular_three_lane", "paper", 20, 930_000, 200),
     ],
 )
 def test_an_episode_is_the_same_as_in_sumo(
-    scenario: str, check: str, vehicles: int, seed: int, decisions: int
+    traffic: str, scenario: str, check: str, vehicles: int, seed: int, decisions: int
 ) -> None:
-    sumo = HighwayEnv(scenario, check, action_mask=True)
-    twin = TwinVectorEnv(1, scenario, check)
+    config = Config().with_traffic(traffic)
+    sumo = HighwayEnv(scenario, check, config, action_mask=True)
+    twin = TwinVectorEnv(1, scenario, check, config)
     start = {"seed": seed, "options": {"vehicles": vehicles}}
     seen, info = sumo.reset(**start)  # type: ignore[arg-type]
     seen_there, there = twin.reset(**start)  # type: ignore[arg-type]

@@ -9,10 +9,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drl_av.config import Config, FiniteStateConfig
-from drl_av.drivers.driver import Decisions
 from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane, slot_of
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import CENTERED_M, FloatArray
@@ -129,29 +127,25 @@ def behind(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> 
 
 
 class HardBraking:
-    """Replaces the decisions of vehicles that brake hard.
+    """Draws at each decision which vehicles begin to brake hard.
 
-    At each decision a separate random generator draws which vehicles begin to brake. They then
-    brake for ``traffic.hard_brake_s`` seconds. ``n`` is the number of rows in a snapshot.
+    They brake for ``traffic.hard_brake_s`` decisions, and nothing begins anew before the end.
+    ``rows``, shape (R,), holds the rows of the vehicles that can.
     """
 
-    def __init__(self, seed: int, n: int, config: Config) -> None:
-        self._rng = generator(seed, Stream.HARD_BRAKING)
-        self._left = np.zeros(n, dtype=np.intp)
-        self._config = config
+    def __init__(self, seed: int, rows: IntArray, config: Config) -> None:
+        self._rng, self._rows = generator(seed, Stream.HARD_BRAKING), rows
+        traffic = config.traffic
+        self._chance = traffic.hard_brakes_per_s * config.simulation.decision_interval_s
+        self._duration = traffic.hard_brake_s
 
-    def __call__(self, decisions: Decisions, rows: npt.NDArray[np.intp]) -> Decisions:
-        """Return the decisions; a vehicle that brakes hard keeps its lane.
+    def begun(self, decisions: int) -> IntArray:
+        """Draw so many decisions; return who is to begin: decision and row, shape (found, 2)."""
+        draws = self._rng.random((decisions, len(self._rows))) < self._chance
+        decision, place = np.nonzero(draws)
+        return np.stack((decision, self._rows[place]), axis=1)
 
-        ``rows``, shape (R,), holds each vehicle's row index in the snapshot arrays.
-        """
-        traffic, timing = self._config.traffic, self._config.simulation
-        chance = traffic.hard_brakes_per_s * timing.decision_interval_s
-        begins = (self._rng.random(len(rows)) < chance) & (self._left[rows] == 0)
-        left = np.where(begins, traffic.hard_brake_s, self._left[rows])
-        self._left[rows] = np.maximum(left - 1, 0)
-        braking_m_s2 = self._config.finite_state.braking_m_s2
-        return Decisions(
-            np.where(left > 0, -braking_m_s2, decisions.acceleration_m_s2),
-            np.where(left > 0, 0, decisions.side),
-        )
+    def __call__(self, left: IntArray) -> None:
+        """Let the vehicles of the next decision begin; ``left`` has each row's decisions left."""
+        for _, row in self.begun(1).tolist():
+            left[row] = left[row] or self._duration

@@ -8,20 +8,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drl_av.compiled import compiled, numbers
-from drl_av.config import Config, Level0Config
-from drl_av.drivers.driver import Decisions
-from drl_av.drivers.network import Layers, forward
+from drl_av.config import Config, Level0Config, SafetyConfig
+from drl_av.drivers.network import LEAK, Float32Array, Layers
 from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACCELERATE, ACTIONS, BRAKE, HARD_BRAKE, MAINTAIN, SIGNS
-from drl_av.driving.affordances import CODES, LANE, VALUES, IntArray, gap_in, has_lane, indicators
+from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane
 from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.road.road import CENTERED_M, FloatArray, Road
-from drl_av.road.road_numbers import RoadNumbers, road_numbers
-from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import SafetyNumbers, is_clear
 
 LEVEL_1 = Path(__file__).parents[2] / "pretrained" / "level_1"
@@ -57,87 +53,102 @@ def level_0(values: FloatArray, codes: IntArray, config: Level0Config | Level0Nu
     return LEVEL_0[3 * distance + motion]
 
 
-class Level1:
+class Level1Numbers(NamedTuple):
     """The level-1 driver: the greedy policy of a network that was trained in level-0 traffic.
 
-    ``config`` is the config of the training, which determines the observation. Unlike the learned
-    drivers of the ego, the driver uses no mirror images and no margins.
+    Unlike the learned drivers of the ego, the driver uses no mirror images and no margins.
     """
 
-    def __init__(self, layers: Layers, config: Config, road: Road) -> None:
-        self._layers = layers
-        self.range_m = config.observation.range_m
-        scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-        self._look = road_numbers(road), self.range_m, scale.offset, scale.scale, scale.bounds
-        self._acceleration_m_s2 = np.array(
-            [action.longitudinal.acceleration_m_s2(config.ego) for action in ACTIONS]
-        )
-        self._safety = numbers(SafetyNumbers, config.safety)
+    layers: tuple[tuple[Float32Array, Float32Array], ...]
+    """The weight of each layer, shape (inputs, outputs), and its bias."""
+    range_m: float
+    offset: FloatArray
+    scale: FloatArray
+    bounds: Float32Array
+    """These four as in ``ObservationScale``, by the config of the training."""
+    acceleration_m_s2: FloatArray
+    """That of each action, shape (12,)."""
+    safety: SafetyNumbers
 
-    def __call__(self, snapshot: Snapshot, rows: npt.NDArray[np.intp]) -> Decisions:
-        """Return the decision with the greatest Q-value for each vehicle, by its row.
 
-        As in its training, a vehicle requests a lane change only if rules 2 and 3 of the check
-        ``paper`` permit it. It requests none during a lane change, because SUMO cannot abort one.
-        """
-        n = len(rows)
-        values, codes = np.empty((n, VALUES)), np.empty((n, CODES), np.int64)
-        observations = np.empty((n, 27), np.float32)
-        look.fast(*snapshot.arrays, *self._look, rows, values, codes, observations)
-        _, q_values = forward(self._layers, observations)
-        best, side = q_values.argmax(axis=1), np.empty(n, np.intp)
-        lane_width_m = self._look[0].lane_width_m
-        permit_sides.fast(values, codes, best, lane_width_m, self._safety, side)
-        return Decisions(self._acceleration_m_s2[best], side)
+NO_LEVEL_1 = Level1Numbers(
+    layers=3 * ((np.zeros((0, 0), np.float32), np.zeros(0, np.float32)),),
+    range_m=0.0,
+    offset=np.zeros(0),
+    scale=np.zeros(0),
+    bounds=np.zeros(0, np.float32),
+    acceleration_m_s2=np.zeros(0),
+    safety=numbers(SafetyNumbers, SafetyConfig()),
+)
+"""Takes the place of the driver in traffic without any; its types are the usual ones."""
+
+
+def level_1_numbers(layers: Layers, config: Config, road: Road) -> Level1Numbers:
+    """Return the driver of a network; ``config`` is the config of its training."""
+    scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
+    return Level1Numbers(
+        layers=tuple((np.ascontiguousarray(weight.T), bias.copy()) for weight, bias in layers),
+        range_m=float(config.observation.range_m),
+        offset=scale.offset,
+        scale=scale.scale,
+        bounds=scale.bounds,
+        acceleration_m_s2=np.array(
+            [action.longitudinal.acceleration_m_s2(config.ego) for action in ACTIONS], np.float64
+        ),
+        safety=numbers(SafetyNumbers, config.safety),
+    )
+
+
+def level_1(
+    values: FloatArray, codes: IntArray, lane_width_m: float, driver: Level1Numbers
+) -> tuple[float, int]:
+    """Return the acceleration, m/s^2, and the lane change with the greatest Q-value.
+
+    As in its training, a vehicle requests a lane change only if rules 2 and 3 of the check
+    ``paper`` permit it. It requests none during a lane change, because SUMO cannot abort one.
+    """
+    entered = np.empty(len(driver.bounds), np.float32)
+    scale_into(values, driver.offset, driver.scale, driver.bounds, entered)
+    last = len(driver.layers) - 1
+    for number, (weight, bias) in enumerate(driver.layers):
+        entered = layer(weight, bias, entered)
+        for place in range(0 if number == last else len(entered)):
+            entered[place] = max(entered[place], entered[place] * np.float32(LEAK))
+    best = int(entered.argmax())
+    sign = SIGNS[best // 4]
+    changing = abs(values[25] - codes[LANE] * lane_width_m) > CENTERED_M
+    permitted = has_lane(codes, sign) and is_clear(values, codes, sign, driver.safety)
+    return driver.acceleration_m_s2[best], sign if permitted and not changing else 0
 
 
 @compiled
-def look(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
-    road: RoadNumbers,
-    range_m: float,
-    offset: FloatArray,
-    scale: FloatArray,
-    bounds: npt.NDArray[np.float32],
-    rows: IntArray,
-    values: FloatArray,
-    codes: IntArray,
-    observations: npt.NDArray[np.float32],
-) -> None:
-    """Compute the indicators and the observation of each vehicle in ``rows``, shape (R,).
+def layer(weight: Float32Array, bias: Float32Array, entered: Float32Array) -> Float32Array:
+    """Return the sums of one layer of a network, shape (outputs,).
 
-    The first six arrays are those of a snapshot; ``offset``, ``scale`` and ``bounds`` are those of
-    ``ObservationScale``. The function fills the last three arrays, of R rows.
+    It adds the inputs one after the other, so the result is the same on every machine, for one
+    vehicle and for many; BLAS promises neither.
     """
-    state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
-    for one in range(len(rows)):
-        indicators(*state, road, range_m, values[one], codes[one], rows[one])
-        scale_into(values[one], offset, scale, bounds, observations[one])
+    inputs, outputs = weight.shape
+    z, row = bias.copy(), 0
+    while row + 4 <= inputs:
+        a, b, c, d = entered[row], entered[row + 1], entered[row + 2], entered[row + 3]
+        for out in range(outputs):
+            z[out] = (
+                z[out]
+                + a * weight[row, out]
+                + b * weight[row + 1, out]
+                + c * weight[row + 2, out]
+                + d * weight[row + 3, out]
+            )
+        row += 4
+    while row < inputs:
+        for out in range(outputs):
+            z[out] += entered[row] * weight[row, out]
+        row += 1
+    return z
 
 
-@compiled
-def permit_sides(
-    values: FloatArray,
-    codes: IntArray,
-    best: IntArray,
-    lane_width_m: float,
-    safety: SafetyNumbers,
-    side: IntArray,
-) -> None:
-    """Set ``side`` to the permitted lane change of each vehicle, whose best action is ``best``."""
-    for one in range(len(best)):
-        sign, its, code = SIGNS[best[one] // 4], values[one], codes[one]
-        changing = abs(its[25] - code[LANE] * lane_width_m) > CENTERED_M
-        permitted = has_lane(code, sign) and is_clear(its, code, sign, safety)
-        side[one] = sign if permitted and not changing else 0
-
-
-def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
+def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1Numbers:
     """Load the level-1 driver of the background traffic from the policy in a run's folder.
 
     Raises:
@@ -153,4 +164,4 @@ def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1:
             f"The level-1 driver of the traffic cannot be read ({str(error).removesuffix('.')}): "
             "train it again with make level_1, or set traffic.level_1_share to 0."
         ) from error
-    return Level1(networks[0].layers, config, road)
+    return level_1_numbers(networks[0].layers, config, road)

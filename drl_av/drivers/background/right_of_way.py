@@ -36,7 +36,7 @@ def give_way(
 
     Args:
         rows: The row of each vehicle that decides, shape (R,).
-        sides: The lane change that it wants, shape (R,): +1 left, -1 right, 0 none.
+        sides: The lane change that each row wants, shape (1 + N,): +1 left, -1 right, 0 none.
         s_m: The position of each vehicle, shape (1 + N,); the next four arrays likewise.
         y_m: Its lateral position.
         speed_m_s: Its speed.
@@ -56,10 +56,10 @@ def give_way(
             toward = 1 if lateral_speed_m_s[row] > 0.0 else -1
             entering[count], lanes[count] = row, lane + toward * leaves
             count += 1
-    for one in range(len(rows)):
-        if sides[one] == 0:
+    for row in rows:
+        if sides[row] == 0:
             continue
-        row, lane = rows[one], lane_of(y_m[rows[one]], width_m) + sides[one]
+        lane = lane_of(y_m[row], width_m) + sides[row]
         center_m, gives_way = lane * width_m, False
         for place in range(count):
             other = entering[place]
@@ -73,7 +73,7 @@ def give_way(
                 )
                 gives_way = gives_way or gap_m < STANDSTILL_GAP_M + rolled_m
         if gives_way:
-            sides[one] = 0
+            sides[row] = 0
         else:
             entering[count], lanes[count] = row, lane
             count += 1

@@ -1,5 +1,7 @@
 """Drives the background vehicles that SUMO does not drive; all decide on the same snapshot."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from drl_av.compiled import compiled, numbers
@@ -10,84 +12,22 @@ from drl_av.drivers.background.finite_state import (
     State,
     finite_state,
 )
-from drl_av.drivers.background.level_k import Level0Numbers, Level1, level_0
+from drl_av.drivers.background.level_k import (
+    NO_LEVEL_1,
+    Level0Numbers,
+    Level1Numbers,
+    level_0,
+    level_1,
+    load_level_1,
+)
 from drl_av.drivers.background.right_of_way import give_way
-from drl_av.drivers.driver import Decisions
 from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, road_numbers
-from drl_av.road.snapshot import Snapshot, TrafficCommand
+from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
 from drl_av.road.vehicle_types import VehicleTypes
 from drl_av.simulation.population import DriverModel
-
-
-class TrafficDrivers:
-    """Makes the decisions of all background vehicles that SUMO does not drive.
-
-    ``level_1`` is the driver of the level-1 vehicles; None if the config has no such vehicles.
-    """
-
-    def __init__(
-        self, config: Config, road: Road, vehicle_types: VehicleTypes, level_1: Level1 | None
-    ) -> None:
-        self._config, self._level_1 = config, level_1
-        self._road = road_numbers(road)
-        self._rules = (
-            float(config.observation.range_m),
-            numbers(FiniteStateNumbers, config.finite_state),
-            numbers(Level0Numbers, config.level_0),
-            ego_numbers(config.ego, config.simulation),
-        )
-        timing = config.simulation
-        self._right_of_way = (
-            (self._road.lap_m, self._road.lane_width_m),
-            float(vehicle_types.traffic.braking_m_s2),
-            (timing.decision_interval_s, timing.step_length_s),
-        )
-
-    def start(self, driver_models: IntArray, desired_m_s: FloatArray, seed: int) -> None:
-        """Prepare for an episode.
-
-        ``driver_models`` holds the ``DriverModel`` of each vehicle, ``desired_m_s`` its desired
-        speed. Both have shape (1 + N,), and the ego comes first. ``seed`` is that of the random
-        hard braking.
-        """
-        of_each = [np.flatnonzero(driver_models == model) for model in ORDER]
-        self._rows, ends = np.concatenate(of_each), np.cumsum([len(rows) for rows in of_each])
-        self._part = {
-            model: slice(end - len(rows), end)
-            for model, rows, end in zip(ORDER, of_each, ends.tolist(), strict=True)
-            if len(rows)
-        }
-        self._models = driver_models[self._rows]
-        if DriverModel.HARD_BRAKING in self._part:
-            self._hard_braking = HardBraking(seed, len(driver_models), self._config)
-        self._desired_m_s = np.ascontiguousarray(desired_m_s, np.float64)
-        self._states = np.full(len(driver_models), State.CRUISE, dtype=np.int64)
-
-    def __call__(self, snapshot: Snapshot) -> list[TrafficCommand]:
-        """Return one command for each vehicle that SUMO does not drive.
-
-        The commands hold until the next decision.
-        """
-        rows = self._rows
-        if not len(rows):
-            return []
-        arrays = snapshot.arrays
-        acceleration, side = np.empty(len(rows)), np.zeros(len(rows), np.int64)
-        of_vehicles = rows, self._models, self._states, self._desired_m_s
-        decide.fast(*arrays, self._road, *self._rules, *of_vehicles, acceleration, side)
-        if part := self._part.get(DriverModel.LEVEL_1):
-            assert self._level_1 is not None
-            acceleration[part], side[part] = self._level_1(snapshot, rows[part])
-        if part := self._part.get(DriverModel.HARD_BRAKING):
-            decisions = Decisions(acceleration[part], side[part])
-            acceleration[part], side[part] = self._hard_braking(decisions, rows[part])
-        if side.any():
-            give_way(rows, side, *arrays[:5], *self._right_of_way)
-        return [*map(TrafficCommand, rows.tolist(), acceleration.tolist(), side.tolist())]
-
 
 ORDER = (
     DriverModel.FINITE_STATE,
@@ -99,6 +39,81 @@ ORDER = (
 LEVEL_0, LEVEL_1 = DriverModel.LEVEL_0.value, DriverModel.LEVEL_1.value
 
 
+class TrafficNumbers(NamedTuple):
+    """What the decisions depend on besides the scene, for compiled functions."""
+
+    road: RoadNumbers
+    range_m: float
+    machine: FiniteStateNumbers
+    table: Level0Numbers
+    network: Level1Numbers
+    ego: EgoNumbers
+    braking_m_s2: float
+    """The hardest braking of the vehicles."""
+    times_s: tuple[float, float]
+    """The time of a decision and of a SUMO step."""
+
+
+def traffic_numbers(config: Config, road: Road, vehicle_types: VehicleTypes) -> TrafficNumbers:
+    """Return the numbers of a config, with the shipped level-1 driver if there is any.
+
+    Raises:
+        CheckpointError: the level-1 driver cannot be read.
+    """
+    timing = config.simulation
+    return TrafficNumbers(
+        road=road_numbers(road),
+        range_m=float(config.observation.range_m),
+        machine=numbers(FiniteStateNumbers, config.finite_state),
+        table=numbers(Level0Numbers, config.level_0),
+        network=load_level_1(road) if config.traffic.level_1_share else NO_LEVEL_1,
+        ego=ego_numbers(config.ego, timing),
+        braking_m_s2=float(vehicle_types.traffic.braking_m_s2),
+        times_s=(float(timing.decision_interval_s), float(timing.step_length_s)),
+    )
+
+
+def in_order(driver_models: IntArray) -> IntArray:
+    """Return the rows of the vehicles that SUMO does not drive, in ``ORDER``."""
+    of_each = [np.flatnonzero(driver_models == model) for model in ORDER]
+    return np.concatenate(of_each).astype(np.int64)
+
+
+class TrafficDrivers:
+    """Makes the decisions of all background vehicles that SUMO does not drive."""
+
+    def __init__(self, config: Config, road: Road, vehicle_types: VehicleTypes) -> None:
+        self._config = config
+        self._numbers = traffic_numbers(config, road, vehicle_types)
+
+    def start(self, driver_models: IntArray, desired_m_s: FloatArray, seed: int) -> None:
+        """Prepare for an episode.
+
+        ``driver_models`` holds the ``DriverModel`` of each vehicle, ``desired_m_s`` its desired
+        speed. Both have shape (1 + N,), and the ego comes first. ``seed`` is that of the random
+        hard braking.
+        """
+        n = len(driver_models)
+        self._rows = in_order(driver_models)
+        self._of_each = driver_models.astype(np.int64), np.ascontiguousarray(desired_m_s, float)
+        self._memory = np.full(n, State.CRUISE, np.int64), np.zeros(n, np.int64)
+        self._found = np.zeros(n), np.zeros(n, np.int64)
+        braking = np.flatnonzero(driver_models == DriverModel.HARD_BRAKING)
+        self._hard_braking = HardBraking(seed, braking, self._config) if len(braking) else None
+
+    def __call__(self, snapshot: Snapshot) -> TrafficCommands:
+        """Return the commands of all vehicles that SUMO does not drive, until the next decision."""
+        rows = self._rows
+        if not len(rows):
+            return NO_COMMANDS
+        if self._hard_braking is not None:
+            self._hard_braking(self._memory[1])
+        of_vehicles = *self._of_each, *self._memory, *self._found
+        decide.fast(*snapshot.arrays, self._numbers, rows, *of_vehicles)
+        acceleration_m_s2, side = self._found
+        return TrafficCommands(rows, acceleration_m_s2[rows], side[rows])
+
+
 @compiled
 def decide(
     s_m: FloatArray,
@@ -107,35 +122,42 @@ def decide(
     lateral_speed_m_s: FloatArray,
     length_m: FloatArray,
     width_m: FloatArray,
-    road: RoadNumbers,
-    range_m: float,
-    machine: FiniteStateNumbers,
-    table: Level0Numbers,
-    ego: EgoNumbers,
+    traffic: TrafficNumbers,
     rows: IntArray,
     models: IntArray,
-    states: IntArray,
     desired_m_s: FloatArray,
+    states: IntArray,
+    braking: IntArray,
     acceleration_m_s2: FloatArray,
     side: IntArray,
 ) -> None:
-    """Compute the decisions of the finite-state machines and of the level-0 drivers.
+    """Compute the decisions of the vehicles ``rows``, shape (R,), in ``ORDER``.
 
-    The first six arrays are those of a snapshot. ``rows``, shape (R,), holds the rows of the
-    vehicles that decide, and ``models`` their ``DriverModel``. ``states`` and ``desired_m_s`` have
-    shape (1 + N,); the function updates ``states``. It fills the last two arrays, shape (R,), but
-    not for level-1 drivers.
+    The first six arrays are those of a snapshot, shape (1 + N,), and so are the last six:
+    ``models`` holds the ``DriverModel``, ``braking`` for how many decisions a vehicle brakes hard.
+    The function updates ``states`` and ``braking``, and fills the last two arrays in ``rows``.
     """
     state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
-    values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
-    for one in range(len(rows)):
-        row, model = rows[one], models[one]
-        if model == LEVEL_1:
-            continue
-        indicators(*state, road, range_m, values, codes, row)
-        if model == LEVEL_0:
-            acceleration_m_s2[one] = acceleration_of(level_0(values, codes, table), ego)
-            continue
-        states[row], acceleration_m_s2[one], side[one] = finite_state(
-            values, codes, road.lane_width_m, states[row], desired_m_s[row], machine
-        )
+    road, range_m, lane_m = traffic.road, traffic.range_m, traffic.road.lane_width_m
+    values, codes, changes = np.empty(VALUES), np.empty(CODES, np.int64), False
+    for row in rows:
+        if models[row] == LEVEL_1:
+            indicators(*state, road, traffic.network.range_m, values, codes, row)
+            acceleration_m_s2[row], side[row] = level_1(values, codes, lane_m, traffic.network)
+        else:
+            indicators(*state, road, range_m, values, codes, row)
+            if models[row] == LEVEL_0:
+                action = level_0(values, codes, traffic.table)
+                acceleration_m_s2[row], side[row] = acceleration_of(action, traffic.ego), 0
+            else:
+                states[row], acceleration_m_s2[row], side[row] = finite_state(
+                    values, codes, lane_m, states[row], desired_m_s[row], traffic.machine
+                )
+        if braking[row] > 0:
+            braking[row] -= 1
+            acceleration_m_s2[row], side[row] = -traffic.machine.braking_m_s2, 0
+        changes = changes or side[row] != 0
+    if changes:
+        moving = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
+        limits = (road.lap_m, lane_m), traffic.braking_m_s2, traffic.times_s
+        give_way(rows, side, *moving, *limits)

@@ -12,8 +12,8 @@ from drl_av.config import TrafficConfig
 from drl_av.config.schema import setting
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.bounds import check_numbers
 from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit
+from drl_av.road.vehicle_types import check_numbers
 from drl_av.scenarios import open_road
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
 from drl_av.scenarios.imported.carriageway import Carriageway, carriageway
@@ -35,22 +35,8 @@ from drl_av.scenarios.netconvert import NETWORK_FILE, PRECISION
 from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription
 from drl_av.scenarios.road_description import LANE_WIDTH_M, LANES, SPEED_LIMIT_M_S, toml_text
 
-LOWEST_LIMIT_M_S = partial(
-    setting,
-    1.0,
-    "ours",
-    "lower speed limits of the network are raised to this, m/s",
-    low=1,
-    high=100,
-)
-SIDEWAYS_M_S2 = partial(
-    setting,
-    5.5,
-    "ours",
-    "sideways acceleration that limits the speed in curves, m/s^2; netconvert's for junctions",
-    low=0.5,
-    high=10_000,
-)
+LOWEST_LIMIT_M_S = partial(setting, 1.0, low=1, high=100)
+SIDEWAYS_M_S2 = partial(setting, 5.5, low=0.5, high=10_000)
 SHORTEST_PIECE_M = 0.5
 """Length of the shortest piece of an edge between two changes of the speed limit."""
 SHORTEST_M, LONGEST_M = 600.0, 50_000.0
@@ -64,6 +50,13 @@ class ImportedDescription(OpenDescription):
     The route may leave the motorway by an exit lane that begins along the route; the other vehicles
     then stay on the motorway.
 
+    net: network file with the route, which netedit or netconvert has written (yours)
+    from_edge: id of the first edge of the route through net (yours)
+    to_edge: id of the last edge of the route through net (yours)
+    lowest_limit_m_s: lower speed limits of the network are raised to this, m/s (ours)
+    sideways_m_s2: sideways acceleration that limits the speed in curves, m/s^2; netconvert's for
+        junctions (ours)
+
     Raises:
         ScenarioError: the route cannot be read (``net_route.read_route``), is too short or too
             long, or has no lane along its whole length or to its exit
@@ -75,11 +68,9 @@ class ImportedDescription(OpenDescription):
     lane_width_m: float = field(init=False)
     speed_limit_m_s: float = field(init=False)
     """The lowest speed limit of the route."""
-    net: str = setting(
-        "", "yours", "network file with the route, which netedit or netconvert has written"
-    )
-    from_edge: str = setting("", "yours", "id of the first edge of the route through net")
-    to_edge: str = setting("", "yours", "id of the last edge of the route through net")
+    net: str = ""
+    from_edge: str = ""
+    to_edge: str = ""
     lowest_limit_m_s: float = LOWEST_LIMIT_M_S()
     sideways_m_s2: float = SIDEWAYS_M_S2()
     left_out: tuple[str, ...] | None = None

@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
-from drl_av.scenarios.imported.attributes import Found, left_out
 from drl_av.scenarios.imported.curves import Line
 from drl_av.scenarios.imported.net_file import (
     BROKEN,
     REMEDY,
     Attributes,
+    Found,
     NetFile,
+    left_out,
     other_class_limits,
     read_net,
 )

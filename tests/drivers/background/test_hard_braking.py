@@ -1,40 +1,46 @@
 """Vehicles that brake hard at times."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+from worlds import ROAD, ahead, snapshot
 
 from drl_av.config import Config
 from drl_av.drivers.background.finite_state import HardBraking
-from drl_av.drivers.driver import Decisions
+from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.env.highway import HighwayEnv
+from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.population import DriverModel
 
-KEEP_ON = Decisions(np.array([1.0, 2.0]), np.array([1, -1]))
+VEHICLE_TYPES = load_scenario(find_scenario("circular_three_lane")).vehicle_types
+
 ROWS = np.array([2, 5])
 
 
-def braking(chance: float, decisions: int, seed: int = 0) -> list[Decisions]:
+def braking(chance: float, decisions: int, seed: int = 0) -> np.ndarray[Any, Any]:
+    """Which of the two vehicles brake hard, shape (decisions, 2); the others never do."""
     config = Config().updated("traffic", hard_brakes_per_s=chance, hard_brake_s=3)
-    override = HardBraking(seed, 6, config)
-    return [override(KEEP_ON, ROWS) for _ in range(decisions)]
+    draw, left, found = HardBraking(seed, ROWS, config), np.zeros(6, np.int64), []
+    for _ in range(decisions):
+        draw(left)
+        found.append(left[ROWS] > 0)
+        left = np.maximum(left - 1, 0)
+    return np.array(found)
 
 
-def test_without_a_chance_the_decisions_stay() -> None:
-    for found in braking(0.0, 50):
-        assert found.acceleration_m_s2.tolist() == [1.0, 2.0]
-        assert found.side.tolist() == [1, -1]
+def test_without_a_chance_nothing_brakes() -> None:
+    assert not braking(0.0, 50).any()
 
 
-def test_one_that_brakes_keeps_its_lane_and_the_other_its_decision() -> None:
-    found = braking(0.05, 400)
-    hard = np.array([decisions.acceleration_m_s2 == -4.0 for decisions in found])
-    sides = np.array([decisions.side for decisions in found])
-    assert np.array_equal(sides == 0, hard)
+def test_each_brakes_at_times_and_not_both_always() -> None:
+    hard = braking(0.05, 400)
     assert hard.any(axis=0).all()
     assert not hard.all(axis=1).all()
 
 
 def test_it_brakes_for_three_decisions_about_every_twenty_of_the_others() -> None:
-    (column,) = np.array([d.acceleration_m_s2 == -4.0 for d in braking(0.05, 20_000)]).T[:1]
+    column = braking(0.05, 20_000)[:, 0]
     edges = np.flatnonzero(np.diff(np.concatenate(([0], column.astype(int), [0]))))
     lengths = edges[1::2] - edges[::2]
     assert (lengths[:-1] % 3 == 0).all()  # two may follow each other at once
@@ -44,11 +50,30 @@ def test_it_brakes_for_three_decisions_about_every_twenty_of_the_others() -> Non
 
 
 def test_the_seed_determines_when() -> None:
-    first, again, other = (
-        np.array([d.acceleration_m_s2 for d in braking(0.05, 100, seed)]) for seed in (1, 1, 2)
-    )
+    first, again, other = (braking(0.05, 100, seed) for seed in (1, 1, 2))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
+
+
+def test_drawn_at_once_they_are_those_of_the_decisions_one_by_one() -> None:
+    config = Config().updated("traffic", hard_brakes_per_s=0.3)
+    at_once = HardBraking(7, ROWS, config).begun(40).tolist()
+    one_by_one = HardBraking(7, ROWS, config)
+    found = [[n, row] for n in range(40) for _, row in one_by_one.begun(1).tolist()]
+    assert at_once == found != []
+
+
+def test_one_that_brakes_hard_keeps_its_lane() -> None:
+    # behind a slow vehicle it would else change to the left, as the finite-state machine
+    shot = snapshot(ahead(30.0, speed_m_s=18.0))
+    models = np.array([DriverModel.HARD_BRAKING, DriverModel.SUMO])
+    for per_s, command in ((0.0, (0, 1)), (1.0, (0, 0))):
+        config = Config().updated("traffic", hard_braking_share=1.0, hard_brakes_per_s=per_s)
+        drivers = TrafficDrivers(config, ROAD, VEHICLE_TYPES)
+        drivers.start(models, np.array([30.0, 30.0]), 0)
+        ((row, acceleration, side),) = zip(*drivers(shot), strict=True)
+        assert (row, side) == command
+        assert (acceleration == -4.0) is (side == 0)
 
 
 def test_in_sumo_a_vehicle_brakes_at_4_m_s2_for_three_seconds_and_nothing_collides() -> None:

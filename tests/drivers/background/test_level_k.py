@@ -3,12 +3,19 @@
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, seen_from, snapshot
 
 from drl_av.config import Config
-from drl_av.drivers.background.level_k import LEVEL_1, Level1, level_0, load_level_1
+from drl_av.drivers.background.level_k import (
+    LEVEL_1,
+    Level1Numbers,
+    layer,
+    level_0,
+    level_1,
+    level_1_numbers,
+    load_level_1,
+)
 from drl_av.drivers.network import Layers, QNetwork, forward
 from drl_av.drivers.policy_file import save_policy
 from drl_av.driving.actions import ACTIONS, acceleration_of
@@ -21,8 +28,14 @@ CONFIG = Config()
 ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE = 2.0, 0.0, -2.0, -4.0
 
 
-def rows_of(shot: Snapshot) -> npt.NDArray[np.intp]:
-    return np.arange(len(shot.ids))
+def decisions(driver: Level1Numbers, shot: Snapshot) -> tuple[list[float], list[int]]:
+    """The accelerations and the lane changes that each vehicle wants as a level-1 driver."""
+    wanted = []
+    for row in range(len(shot.ids)):
+        values, codes, *_ = compute_affordances(seen_from(shot, row), ROAD, 250.0).arrays()
+        wanted.append(level_1(values, codes, ROAD.lane_width_m, driver))
+    accelerations, sides = zip(*wanted, strict=True)
+    return list(accelerations), list(sides)
 
 
 def wanted_by_ego(*others: Car) -> float:
@@ -71,11 +84,10 @@ def always(number: int) -> Layers:
 def test_level_1_wants_what_the_action_of_the_greatest_value_says(action: object) -> None:
     number = ACTIONS.index(action)  # type: ignore[arg-type]
     shot = snapshot(ahead(50.0))
-    decisions = Level1(always(number), CONFIG, ROAD)(shot, rows_of(shot))
     side = (0, -1, 1)[number // 4]
     acceleration = (MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE)[number % 4]
-    assert decisions.side.tolist() == [side, side]
-    assert decisions.acceleration_m_s2.tolist() == [acceleration, acceleration]
+    found = decisions(level_1_numbers(always(number), CONFIG, ROAD), shot)
+    assert found == ([acceleration, acceleration], [side, side])
 
 
 @pytest.mark.parametrize(("number", "sides"), [(4, [-1, 0, -1, 0]), (8, [1, 1, 0, 0])])
@@ -83,7 +95,7 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     number: int, sides: list[int]
 ) -> None:
     shot = snapshot(Car(50.0, RIGHT), Car(100.0, LEFT), Car(150.0, CENTER + 0.76))
-    assert Level1(always(number), CONFIG, ROAD)(shot, rows_of(shot)).side.tolist() == sides
+    assert decisions(level_1_numbers(always(number), CONFIG, ROAD), shot)[1] == sides
 
 
 @pytest.mark.parametrize(
@@ -104,8 +116,8 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     ],
 )
 def test_level_1_changes_lanes_where_rule_3_permits_it(others: tuple[Car, ...], side: int) -> None:
-    decisions = Level1(always(8), CONFIG, ROAD)(snapshot(*others), np.array([0]))
-    assert decisions.side.tolist() == [side]
+    driver = level_1_numbers(always(8), CONFIG, ROAD)
+    assert decisions(driver, snapshot(*others))[1][0] == side
 
 
 @pytest.fixture
@@ -121,15 +133,24 @@ def run(tmp_path: Path) -> Path:
 def test_level_1_decides_as_the_network_of_a_run_sees_it(run: Path) -> None:
     shot = snapshot(*(ahead(17.0 * k, (RIGHT, CENTER, LEFT)[k % 3], 10.0 + k) for k in range(1, 9)))
     layers = QNetwork(np.random.default_rng(41), hidden=(16, 16)).layers
-    seen = [compute_affordances(seen_from(shot, row), ROAD, 250.0) for row in rows_of(shot)]
+    seen = [compute_affordances(seen_from(shot, row), ROAD, 250.0) for row in range(9)]
     scale = ObservationScale(CONFIG.observation, 25.0, ROAD)
     observations = scale(np.array([each.vector() for each in seen]))
     best = np.array([forward(layers, row)[1].argmax() for row in observations])
     assert len(set(best % 4)) > 1
     meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[best % 4]
-    np.testing.assert_array_equal(
-        load_level_1(ROAD, run)(shot, rows_of(shot)).acceleration_m_s2, meant
-    )
+    assert decisions(load_level_1(ROAD, run), shot)[0] == meant.tolist()
+
+
+def test_a_layer_adds_up_the_inputs_in_their_order_compiled_or_not() -> None:
+    rng = np.random.default_rng(3)
+    weight = rng.normal(size=(27, 100)).astype(np.float32)
+    bias, entered = weight[0] + 1, weight[:, 5].copy()
+    one_by_one = bias.copy()
+    for row, number in zip(weight, entered, strict=True):
+        one_by_one = one_by_one + row * number
+    assert np.array_equal(layer(weight, bias, entered), one_by_one)
+    assert np.array_equal(layer.python(weight, bias, entered), one_by_one)
 
 
 @pytest.mark.parametrize("harm", ["missing", "cut short", "27 -> 16", "several"])

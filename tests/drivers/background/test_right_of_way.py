@@ -15,11 +15,12 @@ BRAKING_M_S2, TIMING = 4.0, SimulationConfig()  # from the next decision on, in 
 
 def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
     """The sides that remain of the (row, side) wishes."""
-    rows, left = (np.array(column) for column in zip(*wanted, strict=True))
+    rows, left = np.array([row for row, _ in wanted]), np.zeros(len(shot.ids), np.int64)
+    left[rows] = [side for _, side in wanted]
     road_m, times_s = (ROAD.lap_m, ROAD.lane_width_m), (TIMING.decision_interval_s, 0.5)
     give_way(rows, left, *shot.arrays[:5], road_m, BRAKING_M_S2, times_s)
     assert rows.tolist() == [row for row, _ in wanted]
-    kept: list[int] = left.tolist()
+    kept: list[int] = left[rows].tolist()
     return kept
 
 

@@ -16,7 +16,7 @@ from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.replay import ReplaySession
-from drl_av.road.snapshot import Command, Snapshot, TrafficCommand
+from drl_av.road.snapshot import Command, Snapshot, TrafficCommands
 from drl_av.scenarios.folder import (
     PlacedVehicle,
     ScenarioDescription,
@@ -70,8 +70,10 @@ def placed(tmp_path: Path, stack: ExitStack) -> Road:
     return place
 
 
-def decide(simulation: Simulation, *traffic_commands: TrafficCommand) -> Snapshot:
-    """One decision in which the ego stands."""
+def decide(simulation: Simulation, *wishes: tuple[int, float, int]) -> Snapshot:
+    """One decision in which the ego stands; a wish is a row, an acceleration and a side."""
+    rows, wanted_m_s2, sides = map(np.array, zip(*wishes, strict=True))
+    traffic_commands = TrafficCommands(rows, wanted_m_s2, sides)
     return simulation.advance([Command(0.0, RIGHT, 0.0)] * 2, traffic_commands)[0]
 
 
@@ -84,7 +86,7 @@ def test_alone_a_vehicle_changes_its_speed_as_wished_within_the_bounds_of_its_ty
     placed: Road, wished_m_s2: float, gained_m_s: float
 ) -> None:
     simulation, shot = placed(PlacedVehicle("other", 1, 50.0, 15.0, 40.0))
-    speed = float(decide(simulation, TrafficCommand(OTHER, wished_m_s2, 0)).speed_m_s[OTHER])
+    speed = float(decide(simulation, (OTHER, wished_m_s2, 0)).speed_m_s[OTHER])
     # SUMO's IDM approaches even a far desired speed a little more gently than accel
     assert speed - float(shot.speed_m_s[OTHER]) == pytest.approx(gained_m_s, abs=0.05)
 
@@ -92,11 +94,9 @@ def test_alone_a_vehicle_changes_its_speed_as_wished_within_the_bounds_of_its_ty
 def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Road) -> None:
     simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 6.0, 30.0))
     for _ in range(3):
-        shot = decide(simulation, TrafficCommand(OTHER, -4.0, 0))
+        shot = decide(simulation, (OTHER, -4.0, 0))
     assert shot.speed_m_s[OTHER] == 0.0
-    assert decide(simulation, TrafficCommand(OTHER, 1.0, 0)).speed_m_s[OTHER] == pytest.approx(
-        1.0, abs=0.05
-    )
+    assert decide(simulation, (OTHER, 1.0, 0)).speed_m_s[OTHER] == pytest.approx(1.0, abs=0.05)
 
 
 def test_who_wants_to_continue_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_sumo(
@@ -111,7 +111,7 @@ def test_who_wants_to_continue_into_a_vehicle_that_brakes_to_a_stop_is_stopped_b
     hardest = 0.0
     for _ in range(12):
         before = shot.speed_m_s[1]
-        shot = decide(simulation, TrafficCommand(1, 2.0, 0), TrafficCommand(2, -4.0, 0))
+        shot = decide(simulation, (1, 2.0, 0), (2, -4.0, 0))
         hardest = max(hardest, float(before - shot.speed_m_s[1]))
         assert shot.s_m[2] - shot.s_m[1] > 5.0
     assert shot.speed_m_s[1:].max() == 0.0
@@ -131,10 +131,8 @@ def test_behind_a_vehicle_that_brakes_fully_all_stop_without_touching_it(
     brisk |= {"acceleration_min_m_s2": 2.0, "acceleration_max_m_s2": 2.0}
     simulation, _ = placed(*vehicles, **brisk, finite_state_share=float(ours))
     for second in range(15):
-        traffic_commands = [TrafficCommand(1, 2.0, 0)] if ours else []
-        shot = decide(
-            simulation, *traffic_commands, TrafficCommand(2, -2.0 if second < 2 else -4.0, 0)
-        )
+        wishes = [(1, 2.0, 0)] if ours else []
+        shot = decide(simulation, *wishes, (2, -2.0 if second < 2 else -4.0, 0))
     assert shot.speed_m_s[1:].max() == 0.0
     assert 1.5 < shot.s_m[2] - shot.s_m[1] - 5.0 < 2.5 + 1e-6
 
@@ -144,8 +142,8 @@ def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
     placed: Road, side: int, end_m: float
 ) -> None:
     simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 20.0, 40.0))
-    shots = [decide(simulation, TrafficCommand(OTHER, 0.0, side))]
-    shots += [decide(simulation, TrafficCommand(OTHER, 0.0, 0)) for _ in range(9)]
+    shots = [decide(simulation, (OTHER, 0.0, side))]
+    shots += [decide(simulation, (OTHER, 0.0, 0)) for _ in range(9)]
     y_m = np.array([CENTER, *(float(shot.y_m[OTHER]) for shot in shots)])
     assert np.abs(np.diff(y_m)).max() <= 0.76 + 1e-9
     assert y_m[:3] == pytest.approx([CENTER, CENTER + side * 0.76, CENTER + side * 1.52])
@@ -162,7 +160,7 @@ def test_a_lane_change_into_another_vehicle_waits_until_there_is_room(
     )
     simulation, _ = placed(*vehicles)
     for second in range(10):
-        shot = decide(simulation, TrafficCommand(1, 0.0, 1), TrafficCommand(2, 0.0, 0))
+        shot = decide(simulation, (1, 0.0, 1), (2, 0.0, 0))
         between_m, aside_m = abs(shot.s_m[2] - shot.s_m[1]), shot.y_m[2] - shot.y_m[1]
         assert aside_m > 1.8 or between_m > 5.0
         assert second > 1 or shot.y_m[1] == CENTER
@@ -174,13 +172,13 @@ def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_ra
 ) -> None:
     # one that SUMO broke off half-way would continue, even into the vehicle in its way
     simulation, _ = placed(PlacedVehicle("other", 0, 50.0, 20.0, 40.0))
-    decide(simulation, TrafficCommand(OTHER, 0.0, 1))
+    decide(simulation, (OTHER, 0.0, 1))
     asked: list[tuple[str, int]] = []
     vehicle = simulation._sumo.vehicle
     monkeypatch.setattr(vehicle, "changeLaneRelative", lambda *a: asked.append(a[:2]))
     for second in range(2, 9):
         monkeypatch.setattr(simulation.fleet, "lane_changes", lambda time_s, y_m: [(OTHER, -1)])
-        centered = abs(decide(simulation, TrafficCommand(OTHER, 0.0, 1)).y_m[OTHER] - CENTER) < 0.1
+        centered = abs(decide(simulation, (OTHER, 0.0, 1)).y_m[OTHER] - CENTER) < 0.1
         assert bool(asked) is (second >= 7), second
     assert centered
     assert set(asked) == {("other", -1), ("other", 1)}
@@ -194,7 +192,7 @@ def test_without_a_command_no_vehicle_leaves_a_slow_lane(placed: Road) -> None:
     )
     simulation, _ = placed(*vehicles)
     for _ in range(15):
-        shot = decide(simulation, TrafficCommand(1, 2.0, 0), TrafficCommand(2, 0.0, 0))
+        shot = decide(simulation, (1, 2.0, 0), (2, 0.0, 0))
         assert shot.y_m[1:].tolist() == [CENTER, CENTER]
 
 
@@ -235,14 +233,14 @@ def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees
         before = env.scene.snapshot
         env.step(0)
         assert affordances.pop() is before
-        assert sorted(wish.row for wish in given.pop()) == ours
+        assert sorted(given.pop().rows.tolist()) == ours
     env.close()
 
 
 def test_traffic_of_sumo_alone_gets_no_commands() -> None:
     env = HighwayEnv()
     env.reset(seed=0, options={"vehicles": 30})
-    assert env.traffic_drivers(env.scene.snapshot) == []
+    assert len(env.traffic_drivers(env.scene.snapshot).rows) == 0
     env.close()
 
 

@@ -1,1 +1,0 @@
-"""The driver ``planner`` (ours): it compares plans by forecasts of all vehicles."""

@@ -1,0 +1,102 @@
+"""One world of the compiled twin in the place of SUMO: the same episodes, step by step."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.env.twin_episodes import advance, read_scene, request_change
+from drl_av.errors import ConfigError
+from drl_av.road.road_numbers import road_numbers
+from drl_av.road.snapshot import NO_COMMANDS, Collision, Command, Snapshot, TrafficCommands
+from drl_av.road.sweep import HIT_EDGE, KINDS, NO_CONTACT
+from drl_av.scenarios.folder import Scenario
+from drl_av.simulation.fleet import Fleet
+from drl_av.simulation.gui_camera import Color
+from drl_av.simulation.vehicle_calls import EgoModel
+from drl_av.twin.following import STEP_S
+from drl_av.twin.traffic import loop_of, place_vehicles
+from drl_av.twin.worlds import STEP, World, empty_worlds
+
+
+class TwinSimulation:
+    """Simulates like ``Simulation``, in the twin: SUMO is neither started nor asked.
+
+    Raises:
+        ConfigError: the twin cannot do what the settings ask.
+    """
+
+    def __init__(
+        self, scenario: Scenario, config: Config, gui: bool, sumo_options: str | Sequence[str]
+    ) -> None:
+        if gui or sumo_options:
+            raise ConfigError(
+                "The twin has neither sumo-gui nor options of SUMO: leave simulation.world at "
+                "sumo, or film it with the render mode rgb_array."
+            )
+        self._loop = loop_of(scenario, config)
+        self.fleet = Fleet(scenario, config)
+        self.scenario, self.road, self._config = scenario, scenario.road, config
+        self._road = road_numbers(scenario.road)
+        self.after_step: Callable[[Snapshot], None] | None = None
+        """A function that the simulation calls after each step, or None."""
+
+    def reset(self, seed: int, vehicles: int) -> Snapshot:
+        """Place the ego and ``vehicles`` others drawn with ``seed``, as in SUMO.
+
+        Raises:
+            ScenarioError: the vehicles do not fit on the road.
+        """
+        self.fleet.draw(seed, vehicles)
+        count = len(self.fleet.ids)
+        worlds = empty_worlds(1, count, self._loop.lanes)
+        self.world = World(*(array[0] for array in worlds))
+        self._scene, self._before = np.zeros((6, count)), np.zeros((2, count))
+        population = self.fleet.population
+        place_vehicles(self.world, self._loop, population, self.scenario, self._config)
+        read_scene(self.world, self._loop, self._scene)
+        return self._snapshot()
+
+    def advance(
+        self, commands: Sequence[Command], traffic_commands: TrafficCommands = NO_COMMANDS
+    ) -> tuple[Snapshot, Collision | None]:
+        """Execute one command for the ego in each step, until it collides.
+
+        Return the snapshot after the last step, and the ego's collision or None.
+        """
+        for row, side in self.fleet.lane_changes(0.0, ()):
+            request_change(self.world, row, side)
+        collision = None
+        for command in commands:
+            kind, row = advance.fast(
+                self.world, self._loop, self._road, self._scene, self._before, *command
+            )
+            if kind != NO_CONTACT:
+                other = None if kind == HIT_EDGE else self.fleet.ids[row]
+                collision = Collision(KINDS[kind], other)
+            if self.after_step is not None and kind != HIT_EDGE:
+                self.after_step(self._snapshot())
+            if collision is not None:
+                break
+        return self._snapshot(), collision
+
+    def hand_over(self, model: EgoModel) -> None:
+        """Refuse that SUMO drives the ego.
+
+        Raises:
+            ConfigError: always.
+        """
+        raise ConfigError(
+            "SUMO does not drive the ego of the twin: leave simulation.world at sumo for this "
+            "driver."
+        )
+
+    def show(self, text: str, colors: Mapping[str, Color]) -> None:
+        """Do nothing, as there is no window."""
+
+    def close(self) -> None:
+        """Do nothing, as there is no SUMO to end."""
+
+    def _snapshot(self) -> Snapshot:
+        time_s = float(self.world.near[STEP] * STEP_S)
+        return Snapshot(time_s, self.fleet.ids, *self._scene.copy())

@@ -1,0 +1,87 @@
+"""The worst episodes of a table are driven again, exactly, and drawn on one sheet."""
+
+import csv
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from runs import SHORT, error_message, run_folder
+
+from drl_av.cli import main
+from drl_av.evaluation.recording import load_recording
+
+
+@pytest.fixture
+def table(here: Path) -> list[dict[str, str]]:
+    """The rows of ``rows.csv``, in which the drivers have checks of their own."""
+    words = ["evaluate", "pretrained", "pretrained-paper@paper", "random", "--vehicles", "20"]
+    words += ["--episodes", "2", "-o", "simulation.decisions_per_episode=25", "--out", "rows.csv"]
+    assert main(words) == 0
+    return rows()
+
+
+def rows() -> list[dict[str, str]]:
+    with Path("rows.csv").open(newline="") as file:
+        return [*csv.DictReader(file)]
+
+
+def test_the_worst_row_is_driven_again(
+    table: list[dict[str, str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    nearest = min(table, key=lambda row: float(row["min_ttc_s"]))
+    busiest = max(table, key=lambda row: int(row["safety_triggers"]))
+    slowest = min(table, key=lambda row: float(row["mean_speed_m_s"]))
+    wanted = {"min_ttc_s": nearest, "safety_triggers": busiest, "mean_speed_m_s": slowest}
+    assert len({(row["driver"], row["seed"]) for row in wanted.values()}) > 1
+    for column, row in wanted.items():
+        assert main(["replay", "rows.csv", "--worst", column, "--record", "worst.npz"]) == 0
+        told = f"{row['driver']}, check {row['safety_check']}, 20 vehicles, seed {row['seed']}: "
+        assert f"{told}exactly as recorded, {row['decisions']} de" in capsys.readouterr().out
+        recording = load_recording(Path("worst.npz"))
+        assert (recording.driver, recording.seed) == (row["driver"], int(row["seed"]))
+
+
+def test_the_sheet_has_a_picture_of_each_episode(table: list[dict[str, str]]) -> None:
+    assert main(["replay", "rows.csv", "--worst", "min_ttc_s", "--sheet", "sheet.png"]) == 0
+    with Image.open("sheet.png") as sheet:
+        assert sheet.size == (2 * 640, 3 * 360)  # six episodes
+        tiles = [
+            sheet.crop((x, y, x + 640, y + 360)).tobytes() for x in (0, 640) for y in (0, 360, 720)
+        ]
+    assert len(set(tiles)) == 6
+
+
+def test_a_wrong_wish_is_one_sentence(
+    table: list[dict[str, str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, said in (
+        (["rows.csv", "--worst", "min_ttc"], "(did you mean 'min_ttc_s'?): name one of"),
+        (["rows.csv", "--worst", "driver"], "no numbers in a column 'driver'"),
+        (["rows.csv"], "a table takes --worst"),
+        (["idm", "--worst", "min_ttc_s"], "--worst takes a table"),
+        (["idm", "--sheet", "x.png"], "--sheet draws ten episodes of --worst"),
+        (["rows.csv", "--worst", "min_ttc_s", "--seed", "3"], "--seed cannot be changed"),
+        (["idm", "--driver", "idm"], "two drivers: name one"),
+    ):
+        capsys.readouterr()
+        assert main(["replay", *words]) == 1
+        assert said in error_message(capsys)
+
+
+def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_folder(here / "runs" / "mine")
+    Path("tiny.toml").write_text(SHORT.to_toml())
+    words = ["evaluate", "runs/mine", "--vehicles", "9", "--episodes", "2", "--out", "rows.csv"]
+    assert main([*words, "--config", "tiny.toml"]) == 0
+    capsys.readouterr()
+    again = ["replay", "rows.csv", "--worst", "mean_reward", "--html", "a.html"]
+    assert main(again) == 1
+    assert "name the table's driver with --driver" in error_message(capsys)
+    assert main([*again, "--driver", "runs/mine"]) == 0
+    text = Path("rows.csv").read_text()
+    reward = min(rows(), key=lambda row: float(row["mean_reward"]))["mean_reward"]
+    Path("rows.csv").write_text(text.replace(reward, "-0.9"))
+    assert main([*again, "--driver", "runs/mine"]) == 1
+    assert "differs from its row" in error_message(capsys)

@@ -1,0 +1,152 @@
+"""The user's own SUMO files and options: what a folder may hold, and what only the user may say."""
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from contextlib import closing
+from pathlib import Path
+
+import gymnasium
+import pytest
+from runs import SHORT, error_message
+
+from drl_av.cli import main
+from drl_av.env.highway import HighwayEnv
+from drl_av.errors import ConfigError, DrlAvError, ScenarioError, SimulationError
+from drl_av.scenarios.folder import load_scenario
+
+LOOP = '<inductionLoop id="loop" lane="e0_1" pos="50" period="1" file="{}"/>'
+MOVES = 'accel="1.5" decel="4" emergencyDecel="4" maxSpeedLat="0.76" carFollowModel="IDM"'
+TYPES = f"""<vTypeDistribution id="mine">
+  <vType id="long" length="16" width="2.5" probability="1" maxSpeed="20" {MOVES}/>
+  <vType id="short" length="4" width="1.7" probability="3" maxSpeed="40" {MOVES}/>
+</vTypeDistribution>"""
+
+
+def own_file(*elements: str, name: str = "mine.add.xml") -> None:
+    Path(name).write_text(f"<additional>{''.join(elements)}</additional>")
+
+
+def write(folder: str = "road") -> int:
+    Path("mine.toml").write_text('additional_files = ["mine.add.xml"]\n')
+    return main(["scenario", folder, "--from", "mine.toml"])
+
+
+def test_a_scenario_carries_detectors_and_types_of_the_user(here: Path) -> None:
+    own_file(LOOP.format("NUL"), TYPES)
+    assert write() == 0
+    assert load_scenario("road").as_written
+    counted = Counter[str]()
+    with closing(HighwayEnv(scenario="./road", config=SHORT)) as env:
+        for seed in range(20):
+            env.reset(seed=seed, options={"vehicles": 10})
+            counted.update(env.simulation.fleet.type_ids[1:])
+            lengths_m = set(env.scene.snapshot.length_m[1:].tolist())
+            assert lengths_m <= {16.0, 4.0}
+        passed = 0
+        for _ in range(10):
+            env.execute(0)
+            passed += env.simulation._sumo.inductionloop.getLastIntervalVehicleNumber("loop")
+        assert passed > 0
+    assert counted.keys() == {"long", "short"}
+    assert 35 <= counted["long"] <= 65  # a quarter of 200: 50, and 2.4 standard deviations
+    own_file(LOOP.format("NUL").replace("pos", "position"))
+    assert write("wrong") == 0  # what SUMO refuses
+    env = HighwayEnv(scenario="./wrong")
+    with pytest.raises(SimulationError, match="SUMO cannot load the scenario"):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("element", "said"),
+    [
+        (LOOP.format("/tmp/overwritten.xml"), "its <inductionLoop> names a file by the attribute"),
+        ('<vehicle id="v" depart="0"/>', "it has an element <vehicle>"),
+        ('<rerouter id="r" edges="e0" file="NUL"/>', "it has an element <rerouter>"),
+        (TYPES.replace(' decel="4"', ""), "has decel None"),
+        (TYPES.replace('length="16"', ""), "a vType has no length: add it"),
+        (TYPES.replace("IDM", "EIDM"), "car_following_model is 'EIDM'"),
+        (TYPES.replace('probability="3"', 'probability="many"'), "could not convert string"),
+    ],
+)
+def test_a_file_of_a_scenario_that_is_unsafe_or_wrong_is_one_sentence(
+    element: str, said: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own_file(LOOP.format("NUL"), TYPES)
+    assert write() == 0
+    own_file(element, name="road/mine.add.xml")
+    words = ["replay", "--driver", "idm", "--scenario", "road", "--record", "e.npz"]
+    assert main(words) == 1
+    assert said in error_message(capsys)
+    assert not Path("/tmp/overwritten.xml").exists()
+
+
+@pytest.mark.parametrize("name", ["../mine.add.xml", "/etc/mine.add.xml", "a,b.add.xml", ""])
+def test_a_scenario_names_files_of_its_own_folder_only(name: str, here: Path) -> None:
+    assert main(["scenario", "road"]) == 0
+    Path("road/SHA256SUMS").unlink()
+    Path("road/scenario.toml").write_text(f"additional_files = [{name!r}]\n")
+    with pytest.raises(ScenarioError, match="names of files in the same folder"):
+        load_scenario("road")
+
+
+def test_a_file_with_the_name_of_another_is_not_written_over_it(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own_file(TYPES, name="view.xml")
+    Path("mine.toml").write_text('additional_files = ["view.xml"]\n')
+    assert main(["scenario", "road", "--from", "mine.toml"]) == 1
+    assert "view.xml is a file of each scenario: rename yours" in error_message(capsys)
+    assert not Path("road").exists()
+
+
+def test_a_file_that_only_sumo_loads_is_named(here: Path) -> None:
+    assert main(["scenario", "road"]) == 0
+    settings = Path("road/highway.sumocfg")
+    settings.write_text(settings.read_text().replace(".add.xml", ".add.xml,detectors.add.xml"))
+    with pytest.raises(ScenarioError, match="was changed after it was written"):
+        load_scenario("road")
+    Path("road/SHA256SUMS").unlink()
+    with pytest.raises(ScenarioError, match=r'write additional_files = \["detectors.add.xml"\]'):
+        load_scenario("road")
+    own_file(LOOP.format("NUL"), name="road/detectors.add.xml")
+    with Path("road/scenario.toml").open("r+") as file:
+        text = file.read()
+        file.seek(0)
+        file.write(f'additional_files = ["detectors.add.xml"]\n{text}')
+    assert load_scenario("road").additional_files[-1] == here / "road" / "detectors.add.xml"
+
+
+def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
+    own_file(LOOP.format("passed.xml"))
+    options = "--additional-files=mine.add.xml --device.ssm.probability 1 --device.ssm.file ssm.xml"
+    env = gymnasium.make("drl_av/Highway-v0", config=SHORT, sumo_options=options)
+    for seed in (4, 5):
+        env.reset(seed=seed, options={"vehicles": 20})
+        for _ in range(10):
+            *_, terminated, truncated, _ = env.step(0)
+            if terminated or truncated:
+                break
+    env.close()
+    passed = [int(each.get("nVehContrib", "")) for each in ET.parse("passed.xml").iter("interval")]
+    assert sum(passed) > 0
+    egos = {each.get("ego") for each in ET.parse("ssm.xml").iter("conflict")}
+    assert "ego" in egos
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("--step-length 0.1", "sumo_options has step-length, which drl-av sets itself"),
+        (["--net-file=mine.net.xml"], "sumo_options has net-file"),
+        ("-c mine.sumocfg", "sumo_options has c,"),
+        ("-r mine.rou.xml", "sumo_options has -r, but drl-av places the vehicles"),
+        ("--route-files mine.rou.xml", "drive with drl_av.attach"),
+        ("--fcd-output 'fcd.xml", "close its quotation mark"),
+        ("--fcd-outptu fcd.xml", "correct sumo_options"),
+    ],
+)
+def test_an_option_that_cannot_be_is_one_sentence(options: str | list[str], said: str) -> None:
+    with pytest.raises(DrlAvError, match=said) as raised:  # noqa: SIM117
+        with closing(HighwayEnv(sumo_options=options)) as env:
+            env.reset(seed=0, options={"vehicles": 1})
+    assert isinstance(raised.value, ConfigError if said[:7] != "correct" else SimulationError)

@@ -1,0 +1,183 @@
+"""``fork(n)``: an episode, in SUMO or in the twin, goes on in n worlds of the twin."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.drivers.registry import load_driver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.errors import ConfigError
+
+TWIN = Config().updated("simulation", world="twin")
+
+
+@pytest.fixture
+def twin() -> Iterator[HighwayEnv]:
+    with closing(HighwayEnv(config=TWIN, action_mask=True)) as env:
+        yield env
+
+
+def amid_a_lane_change(env: HighwayEnv, seed: int = 1_000_003, vehicles: int = 20) -> None:
+    """Drive until the ego is between two lanes, after 20 decisions at the earliest."""
+    env.reset(seed=seed, options={"vehicles": vehicles})
+    for decision in range(200):
+        permitted = np.flatnonzero(env.action_masks())
+        aside = permitted[permitted >= 4]
+        env.step(int(aside[0] if len(aside) and decision > 20 else permitted[decision % 2 :][0]))
+        if env.scene.lane_change is not None and decision > 20:
+            return
+    raise AssertionError("the ego never changed lanes")
+
+
+def test_the_copies_of_a_world_go_on_as_it_does_if_they_may_know_its_future(
+    twin: HighwayEnv,
+) -> None:
+    amid_a_lane_change(twin)
+    copies = twin.fork(2, include_rng=True)
+    for decision in range(60):
+        scenes = [copies.scene(row) for row in range(2)]
+        for scene in scenes:
+            assert scene.snapshot.time_s == twin.scene.snapshot.time_s
+            for one, other in zip(scene.snapshot.arrays, twin.scene.snapshot.arrays, strict=True):
+                assert np.array_equal(one, other), decision
+            assert scene.lane_change == twin.scene.lane_change
+        masks = copies.action_masks()
+        assert (masks == twin.action_masks()).all()
+        action = int(np.flatnonzero(masks[0])[decision % masks[0].sum()])
+        there = copies.step(np.full(2, action))
+        observation, reward, *ends, info = twin.step(action)
+        assert (there[0] == observation).all()
+        assert there[1].tolist() == [reward] * 2
+        assert [end.tolist() for end in there[2:4]] == [[end] * 2 for end in ends]
+        assert there[4]["seed"].tolist() == [info["seed"]] * 2
+
+
+def test_without_its_future_the_copies_draw_other_lane_changes_by_their_seeds(
+    twin: HighwayEnv,
+) -> None:
+    amid_a_lane_change(twin)
+
+    def driven(copies: TwinVectorEnv) -> np.ndarray[Any, Any]:
+        seen = [copies.step(np.zeros(copies.num_envs, np.int64))[0] for _ in range(60)]
+        return np.array(seen)
+
+    four = driven(twin.fork(4))
+    assert (four[:2] == four[:2, :1]).all()  # the same scene, before any request matters
+    assert len(np.unique(four[-1], axis=0)) == 4
+    assert np.array_equal(driven(twin.fork(2, seed=2)), four[:, 2:])
+    known = driven(twin.fork(1, include_rng=True))
+    assert not np.array_equal(known[:, 0], four[:, 0])
+    assert twin.decisions > 20  # the original has not moved
+    assert not twin.step(0)[2]
+
+
+def test_a_copy_draws_as_many_lane_changes_as_sumo() -> None:
+    # 0.01 a second, 30 vehicles, 180 decisions to come: 54 on average
+    with closing(HighwayEnv(config=TWIN)) as env:
+        env.reset(seed=5, options={"vehicles": 30})
+        for _ in range(20):
+            env.step(0)
+        changes = env.fork(200).episodes
+    chance = TWIN.traffic.random_lane_changes_per_s
+    mean = changes.next_change[:, 1].mean()
+    assert mean == pytest.approx(chance * 30 * 180, rel=0.05)
+    first = changes.changes[0, : changes.next_change[0, 1]]
+    assert (np.diff(first[:, 0]) >= 0).all()
+    assert first[:, 0].min() >= 20
+    assert first[:, 0].max() < 200
+    assert set(first[:, 1].tolist()) <= set(range(1, 31))
+    assert set(first[:, 2].tolist()) == {-1, 1}
+
+
+def test_a_copy_of_an_episode_in_sumo_begins_with_its_scene_and_goes_on_alike() -> None:
+    with closing(HighwayEnv(safety_check="paper")) as env:
+        amid_a_lane_change(env, seed=1_000_001, vehicles=4)
+        copies = env.fork(1, include_rng=True)
+        assert copies.observation_space.shape == (1, 27)
+        for decision in range(25):
+            here, there = env.scene, copies.scene(0)
+            assert there.snapshot.time_s == here.snapshot.time_s
+            assert there.lane_change == here.lane_change
+            assert there.affordances.vector() == pytest.approx(
+                here.affordances.vector(), abs=1e-6
+            ), decision
+            action = int(np.flatnonzero(env.action_masks())[0])
+            env.step(action)
+            copies.step(np.array([action]))
+
+
+def test_a_lane_change_that_was_requested_in_sumo_goes_on_in_the_copy() -> None:
+    with closing(HighwayEnv(safety_check="paper")) as env:
+        env.reset(seed=3, options={"vehicles": 12})
+        asked = 0
+        for _ in range(150):
+            moves = np.flatnonzero(env.scene.snapshot.lateral_speed_m_s[1:]) + 1
+            rows = [row for row in moves if row in env.simulation.requests]  # type: ignore[union-attr]
+            if rows and asked < 5:
+                asked += 1
+                copies = env.fork(1, include_rng=True)
+                env.step(0)
+                copies.step(np.zeros(1, np.int64))
+                there = copies.scene(0).snapshot.y_m[rows]
+                assert there == pytest.approx(env.scene.snapshot.y_m[rows], abs=1e-6)
+            else:
+                env.step(0)
+        assert asked == 5
+
+
+def test_copies_of_copies_and_an_end_that_stays(twin: HighwayEnv) -> None:
+    worlds = TwinVectorEnv(3, safety_check="permit_all")
+    worlds.reset(seed=1_000_000, options={"vehicles": 25})
+    copies = worlds.fork(5, world=1).fork(2, seed=9, world=4)
+    assert copies.num_envs == 2
+    assert copies.scene(0).snapshot.s_m.tolist() == worlds.scene(1).snapshot.s_m.tolist()
+    assert copies.action_space.shape == (2,)
+    for _ in range(60):  # full speed to the right until both have hit something
+        observation, _, terminated, *_ = copies.step(np.array([9, 9]))
+        if terminated.all():
+            break
+    assert terminated.all()
+    again = copies.step(np.array([0, 0]))
+    assert np.array_equal(again[0], observation)
+    assert again[1].tolist() == [0.0, 0.0]
+    assert again[2].tolist() == [True, True]
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode to fork"):
+        copies.fork(1)
+
+
+def test_a_driver_searches_among_copies(twin: HighwayEnv) -> None:
+    # a rollout of each permitted action, with the paper's rule after it
+    rule = load_driver("gap-mobil", TWIN)
+    amid_a_lane_change(twin)
+    permitted = np.flatnonzero(twin.action_masks())
+    copies = twin.fork(len(permitted))
+    total = copies.step(permitted)[1]
+    for _ in range(5):
+        proposed = [rule.act(copies.scene(row), np.empty(0)).number for row in range(len(total))]  # type: ignore[arg-type]
+        total += copies.step(np.array(proposed))[1]
+    assert len(set(total.tolist())) > 1
+    assert int(permitted[total.argmax()]) in permitted
+
+
+def test_what_cannot_be_copied_is_refused() -> None:
+    with closing(HighwayEnv()) as env, pytest.raises(gymnasium.error.ResetNeeded):
+        env.fork(2)
+    with closing(HighwayEnv("merge")) as env:
+        env.reset(seed=1)
+        with pytest.raises(ConfigError, match="The twin does not know open roads"):
+            env.fork(2)
+    with closing(HighwayEnv(reward=lambda made: 0.0)) as env:
+        env.reset(seed=1)
+        with pytest.raises(ConfigError, match="reward or observation of yours"):
+            env.fork(2)
+    with closing(HighwayEnv()) as env:
+        env.reset(seed=1)
+        env.hand_over(load_driver("sumo").model)  # type: ignore[attr-defined]
+        with pytest.raises(ConfigError, match="SUMO does not drive its ego"):
+            env.fork(2)
