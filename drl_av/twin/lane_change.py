@@ -65,6 +65,7 @@ from drl_av.twin.worlds import (
     COMMANDED_M,
     COUNT,
     EDGE,
+    FIRST_ON,
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -95,24 +96,24 @@ def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
 
     A driver knows the lane changes of those before it.
     """
-    n, done, near = world.near[COUNT], 0, world.near
+    n, done, near, z = world.near[COUNT], 0, world.near, world.z
     near[HAS_CHANGED] = 0
+    for k in range(n - 1, -1, -1):
+        near[FIRST_ON + z[EDGE, z[ORDER, k]]] = k
     for m in range(near[ACTIVE_COUNT]):
         edge = near[ACTIVE + m] // loop.lanes
         if done & (1 << edge):
             continue
         done |= 1 << edge
-        for k in range(n):
-            i = world.z[ORDER, k]
-            if world.z[EDGE, i] > edge:
-                continue
-            if world.z[EDGE, i] < edge:
+        for k in range(near[FIRST_ON + edge], n):
+            i = z[ORDER, k]
+            if z[EDGE, i] < edge:
                 break
             if i == 0:
                 place_ego(world, loop, ego_y_m)
             elif needs_thought(world, loop, k):
                 change_lane(world, loop, k)
-            elif world.z[PREVIOUS_STATE, i] != SUBLANE | STAY:
+            elif z[PREVIOUS_STATE, i] != SUBLANE | STAY:
                 settle(world, i)
     if near[HAS_CHANGED]:
         activate(world, strips_with_vehicles(world, loop))

@@ -69,7 +69,6 @@ ROUTE_M = 3000.0
 """Length of the road ahead that SUMO regards."""
 DECAY = 0.5**STEP_S
 DECAYS = np.array([DECAY ** (1.0 * steps) for steps in range(64)])
-"""``DECAY`` to the power of a small number of steps."""
 GAIN_SEEN = 0.05
 SLOW_M_S = 10.0
 LONG_LOSS = -1.0
@@ -85,7 +84,13 @@ def is_open(loop: Loop, lane: int) -> bool:
     return loop.first_open <= lane <= loop.last_open
 
 
-@borrowing
+@inlined
+def decayed(steps: int) -> float:
+    """Return ``DECAY`` to the power of a number of steps."""
+    return DECAYS[steps] if steps < len(DECAYS) else DECAY ** (1.0 * steps)
+
+
+@inlined
 def look_around(world: World, loop: Loop, k: int) -> None:
     """Find the vehicles ahead of the ``k``-th one in all lanes, and what speed each lane promises.
 
@@ -130,7 +135,7 @@ def expect(world: World, i: int, lane: int, promised: float) -> None:
     """Adapt the expected speed of a lane to the promised one, since the last time."""
     last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
     steps = world.near[STEP] - last
-    old_part = DECAYS[steps] if steps < len(DECAYS) else DECAY ** (1.0 * steps)
+    old_part = decayed(steps)
     expected = world.x[EXPECTED_M_S + lane, i]
     world.x[EXPECTED_M_S + lane, i] = old_part * expected + (1 - old_part) * promised
 
@@ -148,14 +153,14 @@ def track(world: World, loop: Loop, k: int) -> None:
     z[TRACKED, i], z[TRACKED_LEFT, i] = world.near[STEP], world.near[STEP]
     if own == loop.last_open:
         checks = 2 if own > loop.first_open else 1
-        x[GAIN_LEFT, i] *= DECAY ** (1.0 * checks * steps)
+        x[GAIN_LEFT, i] *= decayed(checks * steps)
         return
     gain = -math.inf
     for lane in range(own + 1, loop.lanes):
         its = x[EXPECTED_M_S + lane, i]
         gain = max(gain, (its - x[EXPECTED_M_S + own, i]) / max(its, SLOW_M_S))
     if abs(gain) < EPS:
-        x[GAIN_LEFT, i] *= DECAY ** (1.0 * steps)
+        x[GAIN_LEFT, i] *= decayed(steps)
     else:
         x[GAIN_LEFT, i] += STEP_S * steps * gain
 

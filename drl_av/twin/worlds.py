@@ -92,6 +92,8 @@ changed lanes in this step."""
 ACTIVE = 20
 """First entry of ``near`` with that list."""
 MOST_STRIPS = 40
+FIRST_ON = ACTIVE + MOST_STRIPS
+"""First entry of ``near`` with the foremost vehicle of each edge, as its place in ``ORDER``."""
 
 
 class World(NamedTuple):
@@ -104,7 +106,7 @@ class World(NamedTuple):
     notes: FloatArray
     """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
     near: IntArray
-    """The vehicles around that vehicle, and counts of the world, shape (60,)."""
+    """The vehicles around that vehicle, and counts of the world, shape (64,)."""
 
 
 class Worlds(NamedTuple):
@@ -142,5 +144,5 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
         z=np.zeros((worlds, AHEAD + lanes, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
-        near=np.zeros((worlds, ACTIVE + MOST_STRIPS), dtype=np.int64),
+        near=np.zeros((worlds, FIRST_ON + 4), dtype=np.int64),
     )
