@@ -46,7 +46,7 @@ class Breach(NamedTuple):
     """One of the circumstances above, such as ``SOONER``, or empty."""
 
 
-def _in_both(*shots: Snapshot) -> list[Snapshot]:
+def in_both(*shots: Snapshot) -> list[Snapshot]:
     """Return two snapshots with those vehicles only that are in both, in the same order."""
     common = [name for name in shots[0].ids if name in set(shots[1].ids)]
     found = []
@@ -81,7 +81,7 @@ class Auditor:
         """
         before, self._before = self._before, after
         if before is not None and before.ids != after.ids:
-            before, after = _in_both(before, after)
+            before, after = in_both(before, after)
         if before is None or len(before.ids) == 1:
             return
         step_s = self._config.simulation.step_length_s

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action, action_of
+from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import Scene
 from drl_av.errors import CheckpointError, DrlAvWarning
 from drl_av.safety import action_mask
@@ -61,6 +62,12 @@ _FUNCTIONS = re.compile(
     r"|numpy\.random\.bit_generator:__pyx_unpickle_SeedSequence"
 )
 """What a pickle may name, as ``module:name``: these classes, and these functions of numpy."""
+
+
+_NOT_NEGATIVE = [
+    row for row, name in enumerate(INDICATORS) if name.endswith("_d_x") or name == "ego_v_x"
+]
+"""The gaps and the ego's speed in an observation."""
 
 
 class _Foreign(pickle.UnpicklingError):
@@ -319,13 +326,18 @@ def _normalization(
 
 
 def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any) -> bool:
-    """Whether the last observations of a training lie within the bounds of the environment."""
+    """Whether the last observations of a training can be ones of the environment.
+
+    Normalized ones often lie within its bounds, but hardly ever without a negative gap or speed.
+    """
     if not (np.isfinite(observes.low).all() and np.isfinite(observes.high).all()):
         return False
     seen = None if data.get(name) is None else np.asarray(_safe(path, data, name))
     if seen is None or seen.shape[-1:] != observes.shape:
         return True
-    return bool(((seen >= observes.low - 1e-4) & (seen <= observes.high + 1e-4)).all())
+    low = observes.low - 1e-4
+    low[_NOT_NEGATIVE] = -1e-4
+    return bool(((seen >= low) & (seen <= observes.high + 1e-4)).all())
 
 
 def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:

@@ -7,6 +7,7 @@ import pickle
 import warnings
 import zipfile
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -207,6 +208,21 @@ def test_statistics_beside_the_zip_are_used_and_missing_ones_are_asked_for(tmp_p
         assert driver.act(ALONE, observation).number == wanted
         differ += wanted != int(model.predict(observation, deterministic=True)[0])
     assert differ > 0, "raw observations would do as well"
+
+
+def test_normalized_observations_within_the_bounds_are_not_taken_for_raw_ones(
+    tmp_path: Path,
+) -> None:
+    # of DQN the zip holds the raw and the normalized observation, with VecNormalize and without
+    with closing(HighwayEnv(config=SHORT)) as env:
+        normalized = VecNormalize(DummyVecEnv([lambda: env]), clip_obs=0.9)
+        for name, seen in (("normalized", normalized), ("raw", env)):
+            model = DQN("MlpPolicy", seen, device="cpu", learning_starts=99, buffer_size=99, seed=1)
+            model.learn(20)
+            model.save(tmp_path / f"{name}.zip")
+    loaded(tmp_path / "raw.zip")
+    with pytest.raises(CheckpointError, match="was trained with VecNormalize, whose statistics"):
+        loaded(tmp_path / "normalized.zip")
 
 
 def test_statistics_that_run_code_are_refused(tmp_path: Path) -> None:

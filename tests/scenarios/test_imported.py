@@ -275,7 +275,7 @@ def refused(
         (
             [Part(1), Part(2), Part(1)],
             {"ways": ["e0 0 e1 0", "e1 1 e2 0"]},
-            r"has no lane that leads along all of it: name edges between which one does",
+            r"no lane that leads along all of it, only up to the end of edge 'e1' at 10\d\d m: end",
         ),
         (
             [Part(2), Part(2)],

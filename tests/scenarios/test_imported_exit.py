@@ -198,7 +198,10 @@ ENDING_WAYS = ("e0 0 e1 1", "e0 1 e1 2", "e0 2 e1 3", "e1 0 off 0", "off 0 away 
             r"way to the exit is 280\.\d+ m long, but 3 lane changes .* take 450 m: .*, or begin "
             r"an imported route at least 170 m earlier\.",
         ),
-        ({"ways": ENDING_WAYS}, r"has no lane that leads along all of it: name edges"),  # no exit
+        (
+            {"ways": ENDING_WAYS},
+            r"has no lane that leads along all of it, only up to the end of edge 'e1'",
+        ),  # no exit
     ],
 )
 def test_an_exit_that_cannot_be_driven_is_refused_in_one_sentence(

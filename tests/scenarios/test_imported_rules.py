@@ -67,12 +67,12 @@ EVERY = [(element, key) for element, found in TREATMENTS.items() for key in foun
 def test_what_is_left_out_is_named_and_all_else_is_not(element: str, key: str) -> None:
     named = [*left_out(Found(element, "lane 'M1_0'", {key: "7"}))]
     is_reported = TREATMENTS[element][key] is REPORTED
-    assert named == ([f"{key} 7 of lane 'M1_0'"] if is_reported else [])
+    assert named == ([(f"{key} 7 of", "lane 'M1_0'")] if is_reported else [])
 
 
 def test_an_attribute_that_is_new_to_the_list_is_named() -> None:
     found = Found("lane", "lane 'a_0'", {"gravity": "3", "friction": "1.00", "speed": "9"})
-    assert [*left_out(found)] == ["gravity 3 of lane 'a_0'"]
+    assert [*left_out(found)] == [("gravity 3 of", "lane 'a_0'")]
 
 
 def reported(folder: Path, old: str, new: str) -> tuple[str, ...]:
@@ -102,6 +102,28 @@ def test_a_value_that_sumo_obeys_and_the_road_lacks_is_named(
     old: str, new: str, phrase: str, tmp_path: Path
 ) -> None:
     assert reported(tmp_path, old, new) == (phrase,)
+
+
+def test_a_connection_that_is_closed_to_cars_leads_nowhere(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2), Part(2))
+    text, way = net.read_text(), '<connection from="e0" to="e1" fromLane="0" toLane="0"'
+    net.write_text(text.replace(way, f'{way} disallow="passenger"', 1))
+    ends = [(part.lane, part.end_m) for part in along(net, 1).plan().road.partial_lanes]
+    assert ends == [(0, pytest.approx(502.0, abs=1.0)), (0, float("inf"))]  # and one begins there
+
+
+def test_an_acceleration_lane_stays_one(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2, lane='<lane index="0" acceleration="true"/>'), Part(2))
+    write_scenario(tmp_path / "road", along(net, 1))
+    written = ET.parse(tmp_path / "road" / "highway.net.xml").iter("lane")
+    assert [lane.attrib["id"] for lane in written if "acceleration" in lane.attrib] == ["e0_0"]
+
+
+def test_an_edge_with_a_function_is_no_part_of_a_route(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2), Part(2), Part(2))
+    net.write_text(net.read_text().replace('id="e1" ', 'id="e1" function="connector" ', 1))
+    with pytest.raises(ScenarioError, match="no way leads cars from edge 'e0' to edge 'e2'"):
+        along(net, 2)
 
 
 def test_a_value_without_effect_is_not_named(tmp_path: Path) -> None:
@@ -198,7 +220,8 @@ def test_a_curve_has_the_speed_at_which_it_can_be_driven(tmp_path: Path) -> None
     assert curve.limit_m_s == pytest.approx(28.7, rel=0.05)
     assert curve.begin_m == pytest.approx(600.0, abs=75.0)
     assert curve.end_m == pytest.approx(600 + 150 * 3.14159 / 2, abs=75.0)
-    assert f"a curve at {curve.begin_m:.0f} m for {curve.limit_m_s:.1f} m/s" in description.summary
+    said = f"; 1 limit in curves, the lowest {curve.limit_m_s:.1f} m/s at {curve.begin_m:.0f} m."
+    assert said in description.summary
     write_scenario(tmp_path / "road", description)
     folder = tmp_path / "road"
     assert load_scenario(folder).road == description.plan().road
@@ -271,7 +294,7 @@ def test_a_closed_lane_is_no_lane(tmp_path: Path) -> None:
     assert description.lanes == 2
     assert description.plan().road.partial_lanes == ()
     assert [phrase for phrase in description.left_out or () if "closed" in phrase] == [
-        f"lane 'e{edge}_{lane}', which is closed to cars" for edge in (0, 1) for lane in (0, 3)
+        "lanes closed to cars, lane 'e0_0' and 3 more"
     ]
     write_scenario(tmp_path / "road", description)
     assert load_scenario(tmp_path / "road").road == description.plan().road
@@ -309,6 +332,33 @@ def test_the_motorway_is_driven_past_a_ramp_to_which_its_lane_gives_way(tmp_path
         "that the route gives way to the ramp 'on' at junction 'b' at the end of edge 'M1'",
     )
     assert description.plan().road.partial_lanes == ()
+
+
+def test_a_junction_without_other_roads_leaves_nothing_out(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(2), Part(2))
+    net.write_text(net.read_text().replace('state="M"', 'state="m"'))
+    assert along(net, 1).left_out == ()
+
+
+def test_a_route_stays_on_the_motorway_beside_a_shorter_way_through_a_town(tmp_path: Path) -> None:
+    # 2,000 m at 36 m/s take 56 s, the way through the town of 1,600 m at 14 m/s takes 114 s
+    nodes = (
+        '<node id="a" x="0" y="0"/><node id="b" x="700" y="0"/><node id="m" x="1500" y="600"/>'
+        '<node id="c" x="2300" y="0"/><node id="d" x="3000" y="0"/>'
+    )
+    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="{}"/>'
+    edges = (
+        form.format("M1", "a", "b", 3, 36)
+        + form.format("M2", "b", "m", 3, 36)
+        + form.format("M3", "m", "c", 3, 36)
+        + form.format("town", "b", "c", 1, 14)
+        + form.format("M4", "c", "d", 3, 36)
+    )
+    ways = [f"{one} {lane} {other} {lane}" for one, other in pairwise(("M1", "M2", "M3", "M4"))
+            for lane in range(3)]  # fmt: skip
+    net = converted(tmp_path, nodes, edges, [*ways, "M1 0 town 0", "town 0 M4 0"])
+    sections = described(net, "M1", "M4").way.sections
+    assert [section.edge for section in sections] == ["M1", "M2", "M3", "M4"]
 
 
 def test_a_route_that_gives_way_to_as_many_lanes_is_refused(tmp_path: Path) -> None:
@@ -418,7 +468,7 @@ def test_what_was_made_of_a_route_is_said_and_kept_in_the_folder(tmp_path: Path)
     length_m = description.way.end_m
     assert description.summary == (
         f"The road: {length_m:.0f} m from edge 'e0' on, 2 to 3 lanes of 3.5 m, limits 40 m/s; no "
-        "exit; 0 lanes begin and 1 end along it.\nLeft out: friction 0.50 of lane 'e0_0'."
+        "exit; lanes that begin: 0, and that end: 1.\nLeft out: friction 0.50 of lane 'e0_0'."
     )
     write_scenario(tmp_path / "road", description)
     again = read_description(tmp_path / "road" / "scenario.toml")

@@ -89,7 +89,8 @@ def _leave(
     last, off_ramp = before[-1], after[0].edge
     if not through & last.leading_away:
         raise ScenarioError(
-            "has no lane that leads along all of it: name edges between which one does."
+            f"has no lane that leads along all of it, only up to the end of edge {last.edge!r} at "
+            f"{last.end_m:.0f} m: end it there, or begin it later."
         )
     if 2 * len(last.leading_on) >= len(last.lanes):
         raise ScenarioError(

@@ -172,21 +172,26 @@ class ImportedDescription(OpenDescription):
         counts = sorted({len(section.lanes) for section in way.sections})
         limits = sorted({limit for lane in road.speed_limits for *_, limit in lane})
         lanes = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
-        speeds = f"{limits[0]:g} to {limits[-1]:g}" if len(limits) > 1 else f"{limits[0]:g}"
+        speeds = f"{limits[0]:.4g} to {limits[-1]:.4g}" if len(limits) > 1 else f"{limits[0]:.4g}"
         ends = [part for part in way.partial_lanes if part.end_m < math.inf]
         begin = [part for part in way.partial_lanes if part.begin_m > 0.0]
         facts = [
             f"{way.sections[-1].end_m:.0f} m from edge {self.from_edge!r} on, {lanes} lanes of "
             f"{self.lane_width_m:g} m, limits {speeds} m/s",
             f"an exit on the right at {way.exit_m:.0f} m" if way.off_ramp else "no exit",
-            f"{len(begin)} lanes begin and {len(ends)} end along it",
+            f"lanes that begin: {len(begin)}, and that end: {len(ends)}",
         ]
         if road.forbidden_lines:
             facts.append(f"{pluralize(len(road.forbidden_lines), 'forbidden line')}")
-        kept = "; ".join(self.left_out or ()) or "nothing"
-        for begin_m, _, limit_m_s in self.curves:
-            facts.append(f"a curve at {begin_m:.0f} m for {limit_m_s:.1f} m/s")
-        return f"The road: {'; '.join(facts)}.\nLeft out: {kept}."
+        if self.curves:
+            sharpest = min(self.curves, key=lambda curve: curve.limit_m_s)
+            facts.append(
+                f"{pluralize(len(self.curves), 'limit')} in curves, the lowest "
+                f"{sharpest.limit_m_s:.1f} m/s at {sharpest.begin_m:.0f} m"
+            )
+        return (
+            f"The road: {'; '.join(facts)}.\nLeft out: {'; '.join(self.left_out or ['nothing'])}."
+        )
 
     def _raised(self, limit_m_s: float) -> float:
         return max(limit_m_s, self.lowest_limit_m_s)

@@ -97,9 +97,9 @@ class _Elements:
 
 
 def _require_numbers(lane: Attributes) -> None:
-    """Raise ValueError unless the numbers of a lane are finite and not negative."""
-    for key in ("length", "speed", "width"):
-        if key in lane and not 0 <= float(lane[key]) < math.inf:
+    """Raise ValueError unless the numbers of a lane are finite, and its speed is positive."""
+    for key, low in (("length", 0.0), ("speed", 1e-9), ("width", 0.0)):
+        if key in lane and not low <= float(lane[key]) < math.inf:
             raise ValueError(f"its lane {lane.get('id', '')[:40]!r} has {key} {lane[key][:40]!r}")
 
 
@@ -201,15 +201,15 @@ class Found(NamedTuple):
     """Its attributes; each of its child elements has an entry with the name of the element."""
 
 
-def left_out(found: Found) -> Iterator[str]:
-    """Yield a phrase for each attribute of an element that is left out, such as "friction 0.5".
+def left_out(found: Found) -> Iterator[tuple[str, str]]:
+    """Yield each attribute of an element that is left out, such as "friction 0.5 of", and its name.
 
     An attribute that ``TREATMENTS`` does not know is left out, too.
     """
     treatments = TREATMENTS[found.element]
     for key, value in found.attributes.items():
         if treatments.get(key, REPORTED) is REPORTED and not _is_neutral(key, value):
-            yield f"{key} {value[:40]} of {found.name}".replace("  ", " ")
+            yield f"{key} {value[:40]} of".replace("  ", " "), found.name
 
 
 def _is_neutral(key: str, value: str) -> bool:

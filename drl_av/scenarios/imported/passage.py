@@ -150,8 +150,9 @@ def _right_of_way(file: NetFile, passage: Any) -> Iterator[str]:
             f"the route gives way at {where}, but traffic from elsewhere is left out: choose a "
             "route that has priority, such as the motorway."
         )
-    names = ", ".join(repr(other.getID()) for other in cars)
-    yield f"that the route gives way to the ramp {names} at {where}"
+    if cars:
+        names = ", ".join(repr(other.getID()) for other in cars)
+        yield f"that the route gives way to the ramp {names} at {where}"
 
 
 def _joins(ramp: Any, passage: Any) -> bool:

@@ -89,7 +89,7 @@ class Route(NamedTuple):
 
 
 def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
-    """Return the shortest route for cars from one edge to another in a network file.
+    """Return the fastest route for cars from one edge to another in a network file.
 
     The way through a junction counts as part of the edge before it. Where the number of lanes
     changes, SUMO's connections determine which lanes continue; all others begin or end there. If a
@@ -118,7 +118,7 @@ def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
 
 
 def _way(net: Any, from_edge: str, to_edge: str) -> Sequence[Any]:
-    """Return the edges of the shortest route for cars; raise ScenarioError if there is none."""
+    """Return the edges of the fastest route for cars; raise ScenarioError if there is none."""
     names = [edge.getID() for edge in net.getEdges(withInternal=False)]
     for name in (from_edge, to_edge):
         if name not in names:
@@ -127,7 +127,7 @@ def _way(net: Any, from_edge: str, to_edge: str) -> Sequence[Any]:
                 "network, as netedit shows them."
             )
     ends = net.getEdge(from_edge), net.getEdge(to_edge)
-    edges: Sequence[Any] | None = net.getShortestPath(*ends, vClass=CARS)[0]
+    edges: Sequence[Any] | None = net.getFastestPath(*ends, vClass=CARS)[0]
     if edges is None:
         raise ScenarioError(
             f"no way leads cars from edge {from_edge!r} to edge {to_edge!r}: name two edges of one "
@@ -307,19 +307,29 @@ def _left_out(file: NetFile, edges: Sequence[Any], steps: Sequence[Step]) -> Ite
     if file.drives_left:
         yield "that its traffic drives on the left: the road is its mirror image"
     names = [edge.getID() for edge in edges]
-    for edge, name in zip(edges, names, strict=True):
+    places: dict[str, list[str]] = {}
+    for what, place in _attributes_left_out(file, edges):
+        places.setdefault(what, []).append(place)
+    for what, (place, *others) in places.items():
+        yield f"{what} {place}" + (f" and {len(others)} more" if others else "")
+    yield from other_class_limits(file, names, CARS)
+    for step in steps:
+        yield from step.left_out
+
+
+def _attributes_left_out(file: NetFile, edges: Sequence[Any]) -> Iterator[tuple[str, str]]:
+    """Yield each attribute of a route that is left out, and the element that has it."""
+    for edge in edges:
+        name = edge.getID()
         yield from left_out(Found("edge", f"edge {name!r}", file.edges[name]))
         for lane in edge.getLanes():
             found = Found("lane", f"lane {lane.getID()!r}", file.lanes[lane.getID()])
             if lane.allows(CARS):
                 yield from left_out(found)
             else:
-                yield f"{found.name}, which is closed to cars"
-    yield from other_class_limits(file, names, CARS)
-    ends = {*pairwise(names)}
+                yield "lanes closed to cars,", found.name
+    ends = {*pairwise(edge.getID() for edge in edges)}
     for (from_edge, lane, to_edge, to_lane), attributes in file.connections.items():
         if (from_edge, to_edge) in ends:
             name = f"the way from lane '{from_edge}_{lane}' to '{to_edge}_{to_lane}'"
             yield from left_out(Found("connection", name, attributes))
-    for step in steps:
-        yield from step.left_out
