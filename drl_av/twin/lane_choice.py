@@ -86,6 +86,8 @@ from drl_av.twin.worlds import (
 )
 
 LOSS = -0.1
+COOPERATION = 1.0
+"""SUMO's lcCooperative: the loss, in thresholds, up to which a driver changes lanes for another."""
 
 
 @inlined
@@ -135,7 +137,9 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
             and not world.z[IS_FULL, i]
             and side * world.x[MANEUVER_M, i] > 0
         )
-        if (helps and world.z[STATE, i] & mine) or goes_on:
+        gain = world.x[GAIN_RIGHT if side < 0 else GAIN_LEFT, i]
+        is_easy = -gain / world.x[THRESHOLD_RIGHT if side < 0 else THRESHOLD_LEFT, i] < COOPERATION
+        if is_easy and ((helps and world.z[STATE, i] & mine) or goes_on):
             wanted = state | COOPERATIVE | URGENT
             asked = wanted | signed(wanted, across_m)
             if influenced(asked, request, on_request_only, is_commanded) == asked:
