@@ -110,6 +110,7 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["evaluate", "idm", "--safety-check", ""], r"safety.check is ''"),
         (["evaluate", "idm", "--scenario", ""], r"no scenario ''"),
         (["train", "--out", "run", "--preset", ""], r"no preset ''"),
+        (["train", "--out", "run", "--preset", "large", "--reward", "a:b"], r"--reward belongs to"),
         (["adapt", "", "--out", "run"], r"no driver or run folder ''"),
         (["replay", "--driver", "", "--video", "v.gif"], r"no driver or run folder ''"),
         (["replay", "--html", "x.html", "--rate", "3"], r"--rate has no effect on a page"),
