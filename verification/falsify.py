@@ -26,12 +26,11 @@ from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import Collision
 from drl_av.safety import CHECKS, named_check
-from verification.batch_check import BatchStrict, one_by_one
+from verification.adversary import BatchCheck, BatchStrict, Mover, one_by_one
 from verification.falsification import Tally, genes, orders, play, scripted
 from verification.falsification import search as learn
 from verification.families import CONSTANT_SPEED, FAMILIES, PLACED
 from verification.integration import Integration
-from verification.kinematic_simulator import BatchCheck, Mover
 from verification.open_families import OPEN_FAMILIES
 from verification.program import Program, run_program
 

@@ -18,7 +18,7 @@ from drl_av.scenarios.folder import (
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.simulation.simulation import Simulation
 from drl_av.simulation.vehicle_calls import take_control
-from verification.kinematic_simulator import LENGTH_M, WIDTH_M, BatchCheck, Mover, Orders, World
+from verification.adversary import LENGTH_M, WIDTH_M, BatchCheck, Mover, Orders, World
 from verification.open_families import EXIT, MERGE
 
 LAP_M = 2000.0

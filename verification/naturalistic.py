@@ -15,8 +15,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.driving.car_following import Idm
 from drl_av.road.road import FloatArray
-from verification.families import needed_gap, placed
-from verification.kinematic_simulator import (
+from verification.adversary import (
     LENGTH_M,
     ROAD,
     BoolArray,
@@ -25,6 +24,7 @@ from verification.kinematic_simulator import (
     Orders,
     World,
 )
+from verification.families import needed_gap, placed
 
 HIGHD = Idm(1.17, 3.22, 1.46, 2.40)
 """IDM of highD, population means: headway, standstill gap, acceleration, comfortable braking."""

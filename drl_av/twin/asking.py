@@ -27,6 +27,7 @@ from drl_av.twin.worlds import (
     DESIRED_M_S,
     HEADWAY_S,
     LENGTH_M,
+    OVERTAKES_RIGHT,
     SPEED_M_S,
     STATE,
     Loop,
@@ -89,7 +90,7 @@ def inform_leader(
         length_m = world.x[LENGTH_M, i]
         past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
         past_m += secure_gap(its, speed, world.x[HEADWAY_S, j], j == 0)
-        stays = side > 0 and speed >= CONGESTED_M_S and not loop.overtake_right
+        stays = side > 0 and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
         if faster < EPS or stays or faster * seconds < past_m:
             inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
             target = its_follow_speed(world, i, gap_m, its)
@@ -167,7 +168,7 @@ def inform_follower(
         inform(world, j, safe, asked)
     elif faster > 0 and faster * seconds > needed_m - later_m + 0.1:
         inform(world, j, slowed, asked)
-    elif side < 0 and not loop.overtake_right and its >= CONGESTED_M_S:
+    elif side < 0 and not world.near[OVERTAKES_RIGHT] and its >= CONGESTED_M_S:
         inform(world, j, max(slowed, HELP_M_S), asked)
     else:
         helped = max(its, speed + HELP_M_S)

@@ -197,7 +197,6 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
     world.z[PREVIOUS_STATE, i] = state
     if state & STAY:
         world.z[IS_FULL, i] = 1
-    world.x[COMMANDED_M, i] = 0.0
     if not state & WANTS or state & BLOCKED:
         world.x[MANEUVER_M, i] = 0.0
         world.x[LATERAL_SPEED_M_S, i] = 0.0
@@ -211,8 +210,7 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
         world.x[GAIN_RIGHT, i] = 0.0
         world.x[ADVICE_M_S, i] = math.inf
     reserve(world, loop, i)
-    if world.z[STATE, i] & REQUESTED:
-        world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i]
+    world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i] if world.z[STATE, i] & REQUESTED else 0.0
 
 
 @borrowing

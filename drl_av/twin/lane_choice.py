@@ -72,6 +72,7 @@ from drl_av.twin.worlds import (
     LENGTH_M,
     MANEUVER_M,
     ON_REQUEST_ONLY,
+    OVERTAKES_RIGHT,
     PREVIOUS_STATE,
     REQUEST_END,
     SPEED_M_S,
@@ -102,7 +103,7 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
         across_m = lane_side_distance(width_m, aside_m, side, loop.lane_m)
         ahead = near[LEADER + 2]
         fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
-        if side > 0 and ahead >= 0 and fast and not loop.overtake_right:
+        if side > 0 and ahead >= 0 and fast and not world.near[OVERTAKES_RIGHT]:
             keep_behind(world, loop, i, ahead, notes[LEADER_GAP + 2])
         if request != 0:
             asked = influenced(state, request, on_request_only, is_commanded)

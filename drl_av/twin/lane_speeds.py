@@ -50,6 +50,7 @@ from drl_av.twin.worlds import (
     MANEUVER_M,
     MASK,
     ORDER,
+    OVERTAKES_RIGHT,
     REQUEST_END,
     SHADOW,
     SPEED_M_S,
@@ -221,7 +222,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     if (world.near[STEP] + i) % TRACK_STEPS == 0:
         track(world, loop, k)
     own, speed = z[LANE, i], x[SPEED_M_S, i]
-    follows = own < loop.last_open and speed >= CONGESTED_M_S and not loop.overtake_right
+    follows = own < loop.last_open and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
     tracks = own > loop.first_open and x[GAIN_RIGHT, i] == math.inf
     is_new = tracks and z[TRACKED, i] < world.near[STEP]
     if not follows and not tracks:

@@ -44,6 +44,7 @@ from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
     ADVICE_M_S,
+    CHOSEN_M_S,
     COUNT,
     DESIRED_M_S,
     EDGE,
@@ -51,6 +52,7 @@ from drl_av.twin.worlds import (
     GAIN_LEFT,
     GAIN_RIGHT,
     HEADWAY_S,
+    KEEPS_DISTANCE,
     LANE,
     LENGTH_M,
     MARKS,
@@ -64,7 +66,6 @@ from drl_av.twin.worlds import (
     STATE,
     STEP,
     THRESHOLD_LEFT,
-    UNASKED_M_S,
     Loop,
     World,
 )
@@ -73,7 +74,7 @@ from drl_av.twin.worlds import (
 @borrowing
 def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) -> None:
     """Advance the world ``w`` by one SUMO step, in which the ego reaches this speed and place."""
-    if loop.keeps_stopping_distance:
+    if world.near[KEEPS_DISTANCE]:
         request_speeds(world, loop)
     for k in range(world.near[COUNT]):
         i = world.z[ORDER, k]
@@ -108,17 +109,19 @@ def next_speed(world: World, loop: Loop, k: int) -> float:
         )
         planned = min(planned, max(free, least))
     planned = max(least, min(planned, behind, top, fastest))
-    chosen = with_advice(world, i, planned, least)
-    world.x[UNASKED_M_S, i] = chosen
     request = world.x[REQUESTED_M_S, i]
-    return chosen if request == LEFT_TO_SUMO else max(least, min(request, planned))
+    is_left = request == LEFT_TO_SUMO
+    if not is_left:
+        planned = max(least, min(request, planned))
+    world.x[CHOSEN_M_S, i] = with_advice(world, i, planned, least)
+    return world.x[CHOSEN_M_S, i] if is_left else planned
 
 
 @borrowing
 def with_advice(world: World, i: int, planned: float, least: float) -> float:
     """Return the speed that a vehicle chooses for the lane changes around; ``least`` is possible.
 
-    A request that is not left to SUMO overrides it.
+    Where the speed is requested, the vehicle does not follow this choice.
     """
     advice = world.x[ADVICE_M_S, i]
     if advice <= planned:

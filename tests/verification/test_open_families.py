@@ -17,11 +17,10 @@ from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety import named_check
 from drl_av.safety.check import SafetyCheck
 from drl_av.safety.strict import Strict
-from verification.batch_check import one_by_one
+from verification.adversary import ROAD, Mover, Orders, World, one_by_one
 from verification.falsification import genes, orders, play
 from verification.falsify import in_sumo
 from verification.families import PLACED, placed
-from verification.kinematic_simulator import ROAD, Mover, Orders, World
 from verification.open_families import EXIT_ROAD, MERGE_ROAD, OFF_RAMP, OPEN_FAMILIES, RAMP
 
 STRICT = Config().updated("safety", check="strict")
