@@ -304,13 +304,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             if generator is None or seed is not None:
                 generator, _ = seeding.np_random(seed)
                 self._generators[row] = generator
-            self.seeds[row] = traffic_seed(seed, self._options, generator)
-            vehicles = number_of_vehicles(
-                self._options, int(self.seeds[row]), config.traffic, None, None
-            )
-            self.vehicles[row] = vehicles
-            asked = int(self.seeds[row]), vehicles, self._scenario, config.per_traffic_preset, most
-            drawn.append(draw_traffic(*asked))
+            seed = traffic_seed(seed, self._options, generator)
+            vehicles = number_of_vehicles(self._options, seed, config.traffic, None, None)
+            self.seeds[row], self.vehicles[row] = seed, vehicles
+            kinds = config.per_traffic_preset
+            drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
         self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
         for row, one in zip(rows.tolist(), drawn, strict=True):
             vehicles_of_it = one.population, one.driver_models, self._scenario, one.config
@@ -387,12 +385,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                 names[row] = f"vehicle{other[row]}"
         r_v, r_y, r_x = self.episodes.terms.T.copy()
         marks = {f"_{name}": present for name in ("r_v", "r_y", "r_x")}
-        speed_sum, triggers = self.episodes.sums.T.copy()
         info: dict[str, Any] = {
             "is_success": self._over & ~hits,
-            "mean_speed_m_s": speed_sum / np.maximum(self.episodes.decisions, 1),
+            "mean_speed_m_s": self.episodes.sums[:, 0] / np.maximum(self.episodes.decisions, 1),
             "ego_hit": EGO_HITS[kind],
-            "safety_triggers": triggers.astype(np.int64),
+            "safety_triggers": self.episodes.sums[:, 1].astype(np.int64),
             "proposed_action": proposed,
             "executed_action": executed,
             "rule": RULE_WORDS[rules],
