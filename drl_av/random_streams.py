@@ -17,6 +17,11 @@ class Stream(IntEnum):
     FORKS = 7
 
 
+def kind_of_traffic(seed: int, kinds: int) -> int:
+    """Draw which of ``kinds`` kinds of traffic the episode with this traffic seed has."""
+    return int(generator(seed, Stream.KIND_OF_TRAFFIC).integers(kinds)) if kinds > 1 else 0
+
+
 def generator(seed: int, stream: Stream) -> np.random.Generator:
     """Return the random generator of a stream in the episode with this traffic seed."""
     return np.random.default_rng([seed, stream])

@@ -1,9 +1,10 @@
 """A DQN in one file, in the manner of CleanRL, with an evaluation midway.
 
-python examples/cleanrl_dqn.py [STEPS]
+python examples/cleanrl_dqn.py [STEPS [WORLDS]]
+
+With WORLDS, it trains in so many worlds of the compiled twin at once, in place of SUMO.
 """
 
-import random
 import sys
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ class Args:
     env_id: str = "drl_av/Highway-v0"
     seed: int = 1
     total_steps: int = 20_000
+    twin_worlds: int = 0
     learning_rate: float = 1e-3
     buffer_size: int = 20_000
     gamma: float = 0.93
@@ -57,16 +59,25 @@ def evaluate(args: Args, q: nn.Module, episodes: int = 1) -> float:
     return float(np.mean(returns))
 
 
-def main(steps: int = Args.total_steps) -> None:
-    """Train, and evaluate midway and at the end."""
-    args = Args(total_steps=steps)
-    random.seed(args.seed)
+def make_envs(args: Args) -> gymnasium.vector.VectorEnv:
+    """Return the environments of the training: one in SUMO, or many in the twin."""
+    mode = gymnasium.vector.AutoresetMode.SAME_STEP
+    if args.twin_worlds:
+        many = args.env_id, args.twin_worlds, "vector_entry_point"
+        envs = gymnasium.make_vec(*many, autoreset_mode=mode)
+    else:
+        envs = gymnasium.make_vec(args.env_id, 1, "sync", vector_kwargs={"autoreset_mode": mode})
+    return gymnasium.wrappers.vector.RecordEpisodeStatistics(envs)
+
+
+def main(steps: int = Args.total_steps, worlds: int = Args.twin_worlds) -> None:
+    """Train, and evaluate midway and at the end, in SUMO."""
+    args = Args(total_steps=steps, twin_worlds=worlds)
     np.random.seed(args.seed)
     torch.manual_seed(args.seed)
     torch.set_num_threads(1)
-    mode = gymnasium.vector.AutoresetMode.SAME_STEP
-    envs = gymnasium.make_vec(args.env_id, 1, "sync", vector_kwargs={"autoreset_mode": mode})
-    envs = gymnasium.wrappers.vector.RecordEpisodeStatistics(envs)
+    envs = make_envs(args)
+    n = envs.num_envs
     q, target = network(envs), network(envs)
     target.load_state_dict(q.state_dict())
     optimizer = torch.optim.Adam(q.parameters(), lr=args.learning_rate)
@@ -76,24 +87,27 @@ def main(steps: int = Args.total_steps) -> None:
     r_tp1, ended = np.zeros((2, args.buffer_size), np.float32)
 
     observations, _ = envs.reset(seed=args.seed)
-    for step in range(args.total_steps):
+    for step in range(0, args.total_steps, n):
         progress = step / (args.exploration_fraction * args.total_steps)
-        if random.random() < max(args.epsilon_end, 1 - progress):
-            actions = envs.action_space.sample()
-        else:
-            with torch.no_grad():
-                actions = q(torch.as_tensor(observations)).argmax(1).numpy()
+        explores = np.random.random(n) < max(args.epsilon_end, 1 - progress)
+        with torch.no_grad():
+            greedy = q(torch.as_tensor(observations)).argmax(1).numpy()
+        actions = np.where(explores, envs.action_space.sample(), greedy)
         following, rewards, terminated, _, infos = envs.step(actions)
-        last = infos["final_obs"][0] if "final_obs" in infos else following[0]
-        row = step % args.buffer_size
-        s_t[row], a_t[row], r_tp1[row] = observations[0], actions[0], rewards[0]
-        s_tp1[row], ended[row] = last, terminated[0]
+        last = following.copy()
+        for over in np.flatnonzero(infos.get("_final_obs", [])):
+            last[over] = infos["final_obs"][over]
+        row = (step + np.arange(n)) % args.buffer_size
+        s_t[row], a_t[row], r_tp1[row] = observations, actions, rewards
+        s_tp1[row], ended[row] = last, terminated
         observations = following
         if "episode" in infos:
-            print(f"step {step + 1}: return {infos['episode']['r'][0]:.1f}")
+            mean = infos["episode"]["r"][infos["_episode"]].mean()
+            print(f"step {step + n}: return {mean:.1f}")
 
-        if step >= args.learning_starts and step % args.train_every == 0:
-            rows = np.random.randint(min(step + 1, args.buffer_size), size=args.batch_size)
+        updates = len(range(-step % args.train_every, n, args.train_every))
+        for _ in range(updates if step >= args.learning_starts else 0):
+            rows = np.random.randint(min(step + n, args.buffer_size), size=args.batch_size)
             with torch.no_grad():
                 following_value = target(torch.as_tensor(s_tp1[rows])).max(1).values
                 goal = torch.as_tensor(r_tp1[rows])
@@ -103,10 +117,10 @@ def main(steps: int = Args.total_steps) -> None:
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-        if step % args.target_every == 0:
+        if step % args.target_every < n:
             target.load_state_dict(q.state_dict())
-        if step + 1 in (args.total_steps // 2, args.total_steps):
-            print(f"step {step + 1}: greedy return {evaluate(args, q):.1f}")
+        if step < args.total_steps // 2 <= step + n or step + n >= args.total_steps:
+            print(f"step {step + n}: greedy return {evaluate(args, q):.1f}")
     envs.close()
 
 

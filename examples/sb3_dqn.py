@@ -1,6 +1,6 @@
 """stable-baselines3: train a DQN beside its evaluation, and compare it with the shipped driver.
 
-python examples/sb3_dqn.py [STEPS]
+python examples/sb3_dqn.py [STEPS [sumo | twin]]
 """
 
 import sys
@@ -25,9 +25,11 @@ class LogScalars(BaseCallback):
         return True
 
 
-def main(steps: int = 20_000) -> None:
-    """Train, evaluate twice on the way, save the agent, and drive it in the same traffic."""
-    training = make_vec_env(ID, seed=0, monitor_kwargs={"info_keywords": SCALARS})
+def main(steps: str = "20000", world: str = "sumo") -> None:
+    """Train in one of the worlds, evaluate in SUMO, save the agent, and drive it there."""
+    steps, config = int(steps), {"simulation": {"world": world}}
+    own = {"env_kwargs": {"config": config}, "monitor_kwargs": {"info_keywords": SCALARS}}
+    training = make_vec_env(ID, seed=0, **own)
     evaluation = make_vec_env(ID, seed=1)
     callbacks = [EvalCallback(evaluation, n_eval_episodes=2, eval_freq=steps // 2), LogScalars()]
     model = DQN("MlpPolicy", training, gamma=0.93, learning_rate=1e-3, seed=0, device="cpu")
@@ -41,4 +43,4 @@ def main(steps: int = 20_000) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*sys.argv[1:])

@@ -23,12 +23,13 @@ from studies.study import with_check
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 ARGUMENTS = {
-    "cleanrl_dqn": ["240"],
-    "compare_drivers": ["2"],
-    "maskable_ppo": ["64"],
-    "sb3_dqn": ["120"],
+    "cleanrl_dqn": ("240", "960 32"),
+    "compare_drivers": ("2",),
+    "maskable_ppo": ("64", "128 16"),
+    "sb3_dqn": ("120", "120 twin"),
+    "torchrl_dqn": ("512 16",),
 }
-"""Arguments that shorten an example."""
+"""Arguments that shorten an example, for each run; the second run trains in the twin."""
 ELSEWHERE = {"rllib_ppo"}
 """Examples that need another environment: ``make rllib``."""
 
@@ -179,12 +180,16 @@ def test_the_bounds_of_real_traffic_on_the_safety_page_are_those_of_the_results(
 
 
 @pytest.mark.parametrize(
-    "example",
-    [path for path in EXAMPLES if path.stem not in ELSEWHERE],
-    ids=lambda path: path.stem,
+    ("example", "arguments"),
+    [
+        (path.name, arguments)
+        for path in EXAMPLES
+        if path.stem not in ELSEWHERE
+        for arguments in ARGUMENTS.get(path.stem, ("",))
+    ],
 )
-def test_an_example_runs(example: Path, tmp_path: Path) -> None:
-    assert run(tmp_path, str(example), *ARGUMENTS.get(example.stem, [])).stdout
+def test_an_example_runs(example: str, arguments: str, tmp_path: Path) -> None:
+    assert run(tmp_path, str(ROOT / "examples" / example), *arguments.split()).stdout
 
 
 def test_the_notebook_holds_what_it_prints_and_draws_when_it_is_executed(tmp_path: Path) -> None:

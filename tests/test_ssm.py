@@ -17,12 +17,12 @@ TTC is never finite; where ours is infinite it logs none or NA.
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
-import drl_av.simulation.sumo
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver, RandomDriver
@@ -33,7 +33,6 @@ from drl_av.evaluation.criticality import required_deceleration
 from drl_av.road.snapshot import EGO
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.scenarios.folder import ScenarioDescription, write_scenario
-from drl_av.simulation.sumo import start_arguments
 
 CONFIG = Config().updated("simulation", decisions_per_episode=60)
 FOLLOWING = "2"
@@ -66,9 +65,11 @@ DRIVERS = {
 }
 
 
-def trip(driver: Driver, seed: int, vehicles: int, scenario: str) -> Trip:
+def trip(
+    driver: Driver, seed: int, vehicles: int, scenario: str, sumo_options: Sequence[str] = ()
+) -> Trip:
     """Drive an episode and end SUMO, so that the device writes its file."""
-    env = HighwayEnv(scenario=scenario, config=CONFIG)
+    env = HighwayEnv(scenario=scenario, config=CONFIG, sumo_options=sumo_options)
     taken = Trip([], [])
 
     def look(scene: Scene) -> None:
@@ -112,16 +113,12 @@ def logged(file: Path) -> dict[tuple[float, str], tuple[float, float]]:
     return found
 
 
-def with_device(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every SUMO from now on carries the device on its ego."""
+def with_device(file: Path) -> list[str]:
+    """SUMO's options for the device on the ego."""
     options = {"explicit": "ego", "measures": "TTC DRAC", "thresholds": "1e9 0"}
     options |= {"trajectories": "true", "range": "250", "extratime": "0", "file": str(file)}
     own = [word for name, value in options.items() for word in (f"--device.ssm.{name}", value)]
-    monkeypatch.setattr(
-        drl_av.simulation.sumo,
-        "start_arguments",
-        lambda *arguments: [*start_arguments(*arguments), *own, "--precision", "9"],
-    )
+    return [*own, "--precision", "9"]
 
 
 @pytest.mark.parametrize(
@@ -140,13 +137,11 @@ def test_time_to_collision_and_drac_are_those_of_sumo_s_device_at_every_decision
     vehicles: int,
     circumference_m: float,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     write_scenario(tmp_path / "loop", ScenarioDescription(circumference_m=circumference_m))
     arguments = (DRIVERS[name], seed, vehicles, str(tmp_path / "loop"))
     without = trip(*arguments)
-    with_device(tmp_path / "ssm.xml", monkeypatch)
-    ours = trip(*arguments)
+    ours = trip(*arguments, with_device(tmp_path / "ssm.xml"))
     assert ours.states == without.states  # the device changes nothing
     theirs = logged(tmp_path / "ssm.xml")
     compared = 0

@@ -1,4 +1,4 @@
-"""Drive random approaches in SUMO and in the kinematic simulator, and compare their collisions.
+"""Drive random approaches in SUMO and in the simulator, and compare their collisions.
 
     python -m verification.approaches         # 10,000 for each step length, plant and road
     python -m verification.approaches --scenes 100 --step-length 0.1 --plant steering
@@ -15,14 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.config.ego import LATERAL_PLANTS
 from drl_av.road.snapshot import CollisionKind
 from drl_av.safety.check import permit_all
-from verification.batch_check import one_by_one
+from verification.adversary import LENGTH_M, Mover, Orders, World, one_by_one
 from verification.falsify import show
 from verification.families import placed
 from verification.in_sumo import SumoWorld
-from verification.kinematic_simulator import LENGTH_M, Mover, Orders, World
-from verification.lateral_plants import PLANTS
 from verification.program import Program, run_program
 
 STEPS_S = (1.0, 0.5, 0.25)
@@ -108,7 +107,7 @@ def main() -> int:
     parser = Program(__doc__)
     parser.number("--scenes", 10_000, "for each step length, plant and road")
     parser.add_argument("--step-length", type=float, nargs="+", default=STEPS_S, metavar="S")
-    parser.some("--plant", PLANTS)
+    parser.some("--plant", LATERAL_PLANTS)
     parser.some("--road", ROADS)
     parser.number("--seed", 0, low=0)
     arguments = parser.parse_args()

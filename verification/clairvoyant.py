@@ -1,56 +1,58 @@
-"""Measures how fast a driver would be that knows the future, by a search in SUMO itself.
+"""Measures how fast a driver would be that knows the future, by a search in the compiled twin.
 
-    python -m verification.clairvoyant --vehicles 10 15 20 25 --episodes 8 --jobs 2
+    python -m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2
 
-At every second decision the search tries each of ``PLANS`` in a copy of the process. The copy is
-made by ``fork`` and contains SUMO, so the other vehicles act in it exactly as they will act, even
-where they decide at random. The safety check is used throughout. A plan is tried for ``HORIZON``
-decisions; the driver ``gap-mobil`` decides all that the plan leaves open. The ego then follows the
-plan with the longest distance without a collision, or continues its present plan if none is better.
-The program prints the mean speed of the search, and its gain over the named drivers in the same
-traffic.
+At every second decision the search tries each of ``PLANS`` in a copy of the episode
+(``TwinVectorEnv.fork``), in which the other vehicles act exactly as they will act, with the random
+lane changes that they will make. The safety check is used throughout. A plan is tried for
+``HORIZON`` decisions; the driver ``--base`` decides all that the plan leaves open. The ego then
+follows the plan with the longest distance without a collision, or continues its present plan if
+none is better. The program prints the mean speed of the named drivers in the same traffic of the
+twin, and the gain of the search over them.
 
 The search is not a driver, because it knows random numbers that have not been drawn yet. It is not
 an upper bound either: it compares only these plans, and only up to the horizon.
 """
 
-import os
 import sys
-import traceback
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.vector import AutoresetMode
 
 from drl_av.cli.options import int_at_least
-from drl_av.config import Config
-from drl_av.drivers.driver import Driver
+from drl_av.config import TRAFFIC_PRESETS, Config
+from drl_av.drivers.network import forward
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
-from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
-from drl_av.driving.scene import Scene
+from drl_av.driving.actions import ACTIONS, BRAKE, KEEP, LEFT, RIGHT
+from drl_av.driving.affordances import LANE, IntArray, has_lane
+from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
+from drl_av.env.vector import TwinVectorEnv
 from drl_av.evaluation.processes import workers
 from drl_av.evaluation.statistics import Speed, paired
-from drl_av.road.snapshot import EGO
 from drl_av.safety import CHECKS
+from drl_av.twin.worlds import COUNT
 from verification.program import Program, run_program
 
 HORIZON = 20
 """Number of decisions, of 1 s each, for which a plan is tried."""
 INTERVAL = 2
 """Number of decisions from one search to the next."""
-BASE = "gap-mobil"
+DRIVERS = ("gap-mobil", "pretrained-large")
 SEARCH = "search"
 SEEDS = 920_000
-"""Traffic seed of the first episode; the experiment ``real_bounds`` begins with it, too."""
+"""Traffic seed of the first episode; the study ``real_bounds`` begins with it, too."""
+Policy = Callable[[TwinVectorEnv], npt.NDArray[np.int64]]
+"""A function that returns an action for each world, shape (worlds,)."""
 
 
 class Plan(NamedTuple):
-    """Decisions that the ego makes in order, before the driver ``BASE`` decides alone again."""
+    """Decisions that the ego makes in order, before the base decides alone again."""
 
     wait: int = 0
     """Number of decisions for which the ego keeps its lane first."""
@@ -81,7 +83,7 @@ PLANS = (
     ),
     *(Plan(0, 0, (side, side), hold=5) for side in (1, -1)),
 )
-"""The plans; with the first plan the driver ``BASE`` decides everything."""
+"""The plans; with the first plan the base decides everything."""
 
 
 class Execution:
@@ -91,122 +93,129 @@ class Execution:
     """
 
     def __init__(self, plan: Plan, lane: int) -> None:
-        self._plan, self._made = plan, 0
-        self._lanes = list(np.cumsum((lane, *plan.sides)))[1:]
-        self._held = 0
+        self._plan, self._made, self._held = plan, 0, 0
+        self._lanes = np.cumsum((lane, *plan.sides)).tolist()[1:]
 
-    def act(self, scene: Scene, usual: Action) -> Action:
-        """Return the action of this decision; ``usual`` is the action of ``BASE``."""
-        plan, self._made = self._plan, self._made + 1
+    def copy(self) -> "Execution":
+        """Return an execution that has made as many of its decisions."""
+        made = Execution(self._plan, 0)
+        made._made, made._held, made._lanes = self._made, self._held, [*self._lanes]
+        return made
+
+    def act(self, codes: IntArray, is_changing: bool, usual: int) -> int:
+        """Return the number of the action of this decision.
+
+        ``codes`` is that of ``indicators``; ``usual`` is the action of the base.
+        """
+        plan, along, self._made = self._plan, usual % 4, self._made + 1
         if self._made <= plan.wait:
-            brakes = self._made <= plan.brake
-            return Action(Lateral.KEEP, Longitudinal.BRAKE if brakes else usual.longitudinal)
-        if scene.lane_change is None and self._lanes and self._lanes[0] == scene.affordances.lane:
+            return 4 * KEEP + (BRAKE if self._made <= plan.brake else along)
+        if not is_changing and self._lanes and self._lanes[0] == codes[LANE]:
             self._lanes.pop(0)
         if self._lanes:
-            sign = int(np.sign(self._lanes[0] - scene.affordances.lane))
-            if not scene.affordances.has_lane(sign) and scene.lane_change is None:
+            sign = int(np.sign(self._lanes[0] - codes[LANE]))
+            if is_changing:
+                return 4 * KEEP + along
+            if not has_lane(codes, sign):
                 self._lanes.clear()
                 return usual
-            brakes = plan.yields and scene.lane_change is None
-            how = Longitudinal.BRAKE if brakes else usual.longitudinal
-            return Action(Lateral.KEEP if scene.lane_change else toward(sign), how)
+            return 4 * (LEFT if sign > 0 else RIGHT) + (BRAKE if plan.yields else along)
         self._held += 1
-        held = self._held <= plan.hold and scene.lane_change is None
-        return Action(Lateral.KEEP, usual.longitudinal) if held else usual
+        held = self._held <= plan.hold and not is_changing
+        return 4 * KEEP + along if held else usual
 
 
 class Search:
-    """Drives the ego of one environment by the search."""
+    """Drives the ego of a twin with one world by the search."""
 
-    def __init__(self, env: HighwayEnv, base: Driver, plans: Sequence[Plan] = PLANS) -> None:
+    def __init__(self, env: TwinVectorEnv, base: Policy, plans: Sequence[Plan] = PLANS) -> None:
         self._env, self._base, self._plans = env, base, plans
         self.found_m: float = 0.0
         """Distance that the ego drives in the trial of the plan chosen last, m."""
 
     def drive(self, seed: int, vehicles: int) -> float:
         """Drive an episode; return the mean of the ego's speeds after each decision, m/s."""
-        observation, _ = self._env.reset(seed=seed, options={"vehicles": vehicles})
-        self._base.start(seed)
-        present, over = self.begun(self._plans[0]), False
-        speeds: list[float] = []
+        self._env.reset(seed=seed, options={"vehicles": vehicles})
+        present, over, speeds = self.begun(self._plans[0]), False, list[float]()
         while not over:
             if len(speeds) % INTERVAL == 0:
-                present = self.choose(present, observation)
-            observation, _, hit, ended, _ = self._env.step(self._action(present, observation))
-            speeds.append(self._env.scene.affordances.ego_speed_m_s)
-            over = hit or ended
+                present = self.choose(present)
+            *_, hit, ended, info = self._env.step(actions([present], self._env, self._base))
+            speeds.append(float(info["speed_m_s"][0]))
+            over = bool(hit[0] or ended[0])
         return float(np.mean(speeds))
 
     def begun(self, plan: Plan) -> Execution:
         """Return the execution of a plan that begins now."""
-        return Execution(plan, self._lane())
+        return Execution(plan, int(self._env.episodes.lanes[0, 1]))
 
-    def _lane(self) -> int:
-        scene = self._env.scene
-        return scene.affordances.lane if scene.lane_change is None else scene.lane_change.target
-
-    def _action(self, present: Execution, observation: npt.NDArray[np.float32]) -> int:
-        scene = self._env.scene
-        return present.act(scene, self._base.act(scene, observation)).number
-
-    def choose(self, present: Execution, observation: npt.NDArray[np.float32]) -> Execution:
+    def choose(self, present: Execution) -> Execution:
         """Return the best plan's execution; ``present`` if no plan is better."""
         candidates = [present, *map(self.begun, self._plans)]
-        ways_m = [in_a_copy(partial(self._way_m, each, observation)) for each in candidates]
+        ways_m = self._ways_m([each.copy() for each in candidates])
         best = int(np.argmax(ways_m))
-        self.found_m = ways_m[best]
+        self.found_m = float(ways_m[best])
         return candidates[best]
 
-    def _way_m(self, execution: Execution, observation: npt.NDArray[np.float32]) -> float:
-        """Try a plan; return the distance that the ego drives, m, or -inf if it collides."""
-        way_m, road = 0.0, self._env.road
+    def _ways_m(self, tried: Sequence[Execution]) -> npt.NDArray[np.float64]:
+        """Try plans; return the distance that the ego drives with each, m; -inf for a collision."""
+        copies = self._env.fork(len(tried), include_rng=True)
+        ways_m, place_m = np.zeros(len(tried)), copies.episodes.scene[:, 0, 0].copy()
         for _ in range(HORIZON):
-            before_m = self._env.scene.snapshot.s_m[EGO]
-            observation, _, hit, ended, _ = self._env.step(self._action(execution, observation))
-            if hit:
-                return -np.inf
-            way_m += float(road.ahead_m(before_m, self._env.scene.snapshot.s_m[EGO]))
-            if ended:
+            _, _, hit, ended, _ = copies.step(actions(tried, copies, self._base))
+            before_m, place_m = place_m, copies.episodes.scene[:, 0, 0].copy()
+            ways_m += np.where(hit, -np.inf, self._env.road.ahead_m(before_m, place_m))
+            if (hit | ended).all():
                 break
-        return way_m
+        return ways_m
 
 
-def in_a_copy(function: Callable[[], float]) -> float:
-    """Call ``function`` in a copy of this process, and return its result.
-
-    The call has no effect on this process. If it fails in the copy, the copy prints why.
-
-    Raises:
-        RuntimeError: the copy ended without a result.
-    """
-    reader, writer = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            os.write(writer, function().hex().encode())
-        except BaseException:
-            traceback.print_exc()
-        finally:
-            os._exit(0)
-    os.close(writer)
-    with open(reader, "rb") as stream:
-        data = stream.read()
-    os.waitpid(child, 0)
-    if not data:
-        raise RuntimeError(
-            "A copy of the process ended without a result: correct what it printed, if anything, "
-            "or free memory."
-        )
-    return float.fromhex(data.decode())
+def actions(
+    executions: Sequence[Execution], worlds: TwinVectorEnv, base: Policy
+) -> npt.NDArray[np.int64]:
+    """Return the action of each execution in its world."""
+    episodes = worlds.episodes
+    changing = episodes.lanes[:, 0] != episodes.lanes[:, 1]
+    given = zip(executions, episodes.codes, changing.tolist(), base(worlds).tolist(), strict=True)
+    return np.array([each.act(*scene) for each, *scene in given])
 
 
-def episode(config: Config, names: Sequence[str], vehicles: int, seed: int) -> list[Speed]:
+def policy(name: str, config: Config) -> Policy:
+    """Return a driver by name as a policy; one trained at scale decides in all worlds at once."""
+    from drl_av.learning.twin_worlds import look_wide  # compiled functions do not go to processes
+
+    [spec] = find_drivers([name])
+    if spec.actor is not None:
+        layers = spec.actor[0]
+
+        def act(worlds: TwinVectorEnv) -> npt.NDArray[np.int64]:
+            n = worlds.num_envs
+            seen = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
+            permitted = np.zeros((n, len(ACTIONS)), np.bool_)
+            count = worlds.worlds.near[:, COUNT].copy()
+            look_wide(worlds.episodes, worlds.task, np.arange(n), count, seen, permitted)
+            logits = np.where(permitted, forward(layers, seen)[1], -np.inf)
+            return np.asarray(logits.argmax(axis=1), np.int64)
+
+        return act
+    [driver] = make_drivers([spec], driving_config([spec], config)).values()
+
+    def one_by_one(worlds: TwinVectorEnv) -> npt.NDArray[np.int64]:
+        seen = enumerate(worlds.episodes.observation)
+        return np.array([driver.act(worlds.scene(row), each).number for row, each in seen])
+
+    return one_by_one
+
+
+def episode(
+    config: Config, base: str, names: Sequence[str], vehicles: int, seed: int
+) -> list[Speed]:
     """Drive one episode with the search and with each driver; return their mean speeds."""
-    specs = find_drivers([*names, BASE])
+    twin = TwinVectorEnv(config=config, autoreset_mode=AutoresetMode.DISABLED)
+    searched = Search(twin, policy(base, config)).drive(seed, vehicles)
+    specs = find_drivers(names)
     drivers = make_drivers(specs, driving_config(specs, config))
     with closing(HighwayEnv(config=config)) as env:
-        searched = Search(env, drivers[BASE]).drive(seed, vehicles)
         results = [drive(env, drivers[name], name, seed, vehicles) for name in names]
     speeds = [Speed(one.driver, vehicles, seed, one.mean_speed_m_s) for one in results]
     return [Speed(SEARCH, vehicles, seed, searched), *speeds]
@@ -223,36 +232,39 @@ def main() -> int:
         metavar="N",
         help="numbers of vehicles around the ego (default: 10 15 20 25)",
     )
-    parser.number("--episodes", 8, "of each", low=2)
+    parser.number("--episodes", 100, "of each", low=2)
+    parser.add_argument("--base", default="pretrained-large", help="default: pretrained-large")
     parser.add_argument(
         "--driver",
         nargs="+",
-        default=[BASE, "pretrained"],
-        help=f"beside the search (default: {BASE} pretrained)",
+        default=[*DRIVERS],
+        help=f"beside the search (default: {' '.join(DRIVERS)})",
     )
-    parser.add_argument("--safety-check", choices=CHECKS, default="paper", help="default: paper")
+    parser.add_argument("--traffic", choices=TRAFFIC_PRESETS, default="calm", help="default: calm")
+    parser.add_argument("--safety-check", choices=CHECKS, default="strict", help="default: strict")
     parser.number("--seed", SEEDS, low=0)
     parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
-    config = Config().updated("safety", check=options.safety_check)
+    config = Config().with_traffic(options.traffic).updated("simulation", world="twin")
+    config = config.updated("safety", check=options.safety_check)
     names = [spec.name for spec in find_drivers(options.driver)]
     seeds = range(options.seed, options.seed + options.episodes)
     speeds: list[Speed] = []
     with workers(options.jobs) as submit:
         futures = [
-            submit(episode, config, options.driver, vehicles, seed)
+            submit(episode, config, options.base, names, vehicles, seed)
             for vehicles in options.vehicles
             for seed in seeds
         ]
         for future in futures:
             speeds += future.result()
             print(speeds[-1 - len(names) :], file=sys.stderr, flush=True)
-    print(f"{'vehicles':>8}  {'driver':<14}{'speed, m/s':>11}  gain of the search, m/s")
+    print(f"{'vehicles':>8}  {'driver':<16}{'speed, m/s':>11}  gain of the search, m/s")
     for gain in paired(speeds, SEARCH, names):
         own = [one.mean_speed_m_s for one in speeds if one[:2] == (gain.baseline, gain.vehicles)]
         mean, half = gain.difference_m_s
         print(
-            f"{gain.vehicles:>8}  {gain.baseline:<14}{np.mean(own):>11.2f}  {mean:.2f} ± {half:.2f}"
+            f"{gain.vehicles:>8}  {gain.baseline:<16}{np.mean(own):>11.2f}  {mean:.2f} ± {half:.2f}"
         )
     print(parser.made_by())
     return 0

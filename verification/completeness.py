@@ -18,21 +18,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
-from verification.batch_check import BatchStrict
-from verification.falsification import genes, orders, play
-from verification.falsify import show
-from verification.families import FAMILIES, PLACED, Family
-from verification.kinematic_simulator import (
+from drl_av.driving.actions import ACTIONS, SIGNS, Action, Lateral, Longitudinal
+from verification.adversary import (
     NONE,
     ROAD,
-    SIGN,
+    BatchStrict,
     BoolArray,
     IntArray,
     Mover,
     Orders,
     World,
 )
+from verification.falsification import genes, orders, play
+from verification.falsify import show
+from verification.families import FAMILIES, PLACED, Family
 from verification.program import Program, run_program
 
 DECISIONS = 10
@@ -89,7 +88,7 @@ def visited(family: Family, config: Config, scenes: int, seed: int) -> World:
 
 def on_road(world: World, proposal: IntArray) -> BoolArray:
     """Return whether each proposed action leads to a lane that exists; shape (scenes,)."""
-    lane = np.round(world.y_m[:, 0] / ROAD.lane_width_m) + SIGN[proposal // 4]
+    lane = np.round(world.y_m[:, 0] / ROAD.lane_width_m) + np.array(SIGNS)[proposal // 4]
     result: BoolArray = (world.target != NONE) | ((lane >= 0) & (lane < len(ROAD.open_lanes)))
     return result
 

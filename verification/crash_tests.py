@@ -16,8 +16,8 @@ from drl_av.driving.observation_scale import ObservationScale
 from drl_av.evaluation.processes import workers
 from drl_av.road.road import FloatArray
 from studies.study import with_check
+from verification.adversary import ROAD, BatchCheck, IntArray, World
 from verification.falsify import check_of
-from verification.kinematic_simulator import ROAD, BatchCheck, IntArray, World
 from verification.naturalistic import CARELESS_SHARE, Frequencies, Traffic, UnboundedMover, starts
 
 SECONDS = 27

@@ -13,14 +13,14 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.road.road import FloatArray
 from drl_av.safety.reachability import STILL_M_S
-from verification.families import PLACED, Family
-from verification.kinematic_simulator import (
+from verification.adversary import (
     BatchCheck,
     IntArray,
     Mover,
     Orders,
     World,
 )
+from verification.families import PLACED, Family
 
 DECISIONS = 14
 """Number of decisions of a scene: enough to brake to a standstill, and for two lane changes."""

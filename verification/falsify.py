@@ -5,10 +5,10 @@
     python -m verification.falsify --check strict --sumo --scenes 50  # random scenes in SUMO
 
 The envelope is the share of starts that end in a collision with a scripted adversary, in the
-kinematic simulator. The program prints it by family of scenes, closing speed, integration method
-and step length; explicit Euler with 1 s is the plant of the paper. Under ``strict``, and with
-``--search``, the program instead searches for collisions with CMA-ES, which chooses the start, the
-motion of all other vehicles and the proposed actions of the ego. The search and ``--sumo`` have
+simulator of ``adversary.py``. The program prints it by family of scenes, closing speed, integration
+method and step length; explicit Euler with 1 s is the plant of the paper. Under ``strict``, and
+with ``--search``, the program instead searches for collisions with CMA-ES, which chooses the start,
+the motion of all other vehicles and the proposed actions of the ego. The search and ``--sumo`` have
 three more families of scenes, on roads whose lanes begin and end. The exit status is 1 if the ego
 hit something under ``strict``.
 """
@@ -26,12 +26,11 @@ from drl_av.config import Config
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import Collision
 from drl_av.safety import CHECKS, named_check
-from verification.batch_check import BatchStrict, one_by_one
+from verification.adversary import BatchCheck, BatchStrict, Mover, one_by_one
 from verification.falsification import Tally, genes, orders, play, scripted
 from verification.falsification import search as learn
 from verification.families import CONSTANT_SPEED, FAMILIES, PLACED
 from verification.integration import Integration
-from verification.kinematic_simulator import BatchCheck, Mover
 from verification.open_families import OPEN_FAMILIES
 from verification.program import Program, run_program
 
@@ -104,7 +103,7 @@ def summed(name: str, tallies: list[Tally]) -> dict[str, Any]:
 
 
 def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Drive scenes with a random adversary in SUMO and in the kinematic simulator.
+    """Drive scenes with a random adversary in SUMO and in the simulator.
 
     Returns one row for each family, with the collisions and the deviation between the simulators.
     """

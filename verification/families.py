@@ -8,7 +8,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.road.road import FloatArray, Road
 from drl_av.safety.stopping import reach, stopping_distance
-from verification.kinematic_simulator import LENGTH_M, NONE, ROAD, BoolArray, IntArray, World
+from verification.adversary import LENGTH_M, NONE, ROAD, BoolArray, IntArray, World
 
 PLACED = 6
 """Number of genes that define the start of each other vehicle."""

@@ -1,4 +1,4 @@
-"""Drives a scene of the falsifier in SUMO with the speeds of the kinematic simulator."""
+"""Drives a scene of the falsifier in SUMO with the speeds of the simulator of ``adversary.py``."""
 
 import tempfile
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from drl_av.scenarios.folder import (
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.simulation.simulation import Simulation
 from drl_av.simulation.vehicle_calls import take_control
-from verification.kinematic_simulator import LENGTH_M, WIDTH_M, BatchCheck, Mover, Orders, World
+from verification.adversary import LENGTH_M, WIDTH_M, BatchCheck, Mover, Orders, World
 from verification.open_families import EXIT, MERGE
 
 LAP_M = 2000.0
@@ -35,7 +35,7 @@ HALF_M = LENGTH_M / 2
 
 
 class SumoWorld:
-    """Drives scenes in SUMO and in the kinematic simulator at the same time, and compares them.
+    """Drives scenes in SUMO and in this simulator at the same time, and compares them.
 
     ``road`` is a key of ``ROADS``.
     """

@@ -1,4 +1,4 @@
-"""Models human drivers around the ego in the kinematic simulator, and an adversary among them.
+"""Models human drivers around the ego in the simulator, and an adversary among them.
 
 Each vehicle decides once a second. It follows the intelligent driver model (IDM), calibrated to
 highD (Zhang and Sun), with noise; at random it brakes hard or changes lanes. The frequencies are
@@ -15,8 +15,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.driving.car_following import Idm
 from drl_av.road.road import FloatArray
-from verification.families import needed_gap, placed
-from verification.kinematic_simulator import (
+from verification.adversary import (
     LENGTH_M,
     ROAD,
     BoolArray,
@@ -25,6 +24,7 @@ from verification.kinematic_simulator import (
     Orders,
     World,
 )
+from verification.families import needed_gap, placed
 
 HIGHD = Idm(1.17, 3.22, 1.46, 2.40)
 """IDM of highD, population means: headway, standstill gap, acceleration, comfortable braking."""

@@ -10,8 +10,8 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.road.road import FloatArray
 from drl_av.scenarios.highways import ExitDescription, MergeDescription
+from verification.adversary import LENGTH_M, World
 from verification.families import BRAKES, Family, ahead, needed_gap, placed, with_safe_gaps
-from verification.kinematic_simulator import LENGTH_M, World
 
 MERGE = MergeDescription(lanes=2, flow_per_h=0.0, acceleration_lane_m=150.0, after_m=1000.0)
 EXIT = ExitDescription(lanes=2, flow_per_h=0.0)

@@ -7,15 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drl_av.road.road import Barrier, FloatArray, Road
-from drl_av.road.snapshot import Collision
-from drl_av.road.sweep import first_contact
+from drl_av.road.road import Barrier, FloatArray
 
 Places = tuple[FloatArray, FloatArray]
 """The pair (x, y): the centres along and across the road, m. The last axis is the vehicle, the ego
 first."""
-STRAIGHT = Road(1e9, 1.0, (True,))
-"""A road so long that a scene never reaches its end."""
 
 
 def swept_separation(starts: Places, ends: Places, length_m: float, width_m: float) -> FloatArray:
@@ -60,20 +56,3 @@ def barrier_separation(
     sideways_m = np.maximum(right_m - y_m[:, :1], y_m[:, :1] - left_m) - width_m / 2
     result: FloatArray = np.maximum(lengthwise_m, sideways_m)
     return result
-
-
-def first_collision(starts: Places, ends: Places, length_m: float, width_m: float) -> Collision:
-    """Return the ego's first collision in a scene with a collision.
-
-    The arrays have shape (1 + others,).
-    """
-    (x_m, y_m), (to_x_m, to_y_m) = starts, ends
-    columns = (values.tolist() for values in (x_m, y_m, to_x_m - x_m, to_y_m - y_m))
-    ego, *others = zip(*columns, strict=True)
-    contacts = [
-        (contact.time, row, contact.kind)
-        for row, other in enumerate(others, 1)
-        if (contact := first_contact(ego, other, length_m, width_m, STRAIGHT))
-    ]
-    _, row, kind = min(contacts, key=lambda found: found[:2])
-    return Collision(kind, f"vehicle{row}")

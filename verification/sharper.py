@@ -18,11 +18,10 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
-from verification.batch_check import BatchStrict
+from verification.adversary import BatchCheck, BatchStrict, IntArray, World
 from verification.completeness import Refusals, on_road, rows_of, safe
 from verification.crash_tests import SECONDS, Outcome, drive, settings
 from verification.falsify import show
-from verification.kinematic_simulator import BatchCheck, IntArray, World
 from verification.naturalistic import PEOPLE, Traffic, starts
 from verification.program import Program, run_program
 

@@ -18,18 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.config.traffic import SINGLE_PRESETS
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import find_drivers, make_drivers
-from drl_av.driving.maneuver import plan
-from drl_av.env.fork import standing_requests
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Snapshot
-from drl_av.simulation.simulation import Simulation
-from drl_av.twin.copying import copy_scene
-from drl_av.twin.step import sumo_step
-from drl_av.twin.worlds import REQUEST_END, REQUEST_LANE, SPEED_M_S, World, empty_worlds
 from verification.program import Program, run_program
 
 DRIVERS = ("idm", "idm-mobil", "gap-mobil", "gap-mobil-1.3", "random")
@@ -43,31 +38,20 @@ def second_ahead(
     """Return the errors of the speeds of all vehicles a second ahead, m/s, from SUMO's scenes."""
     env = HighwayEnv(scenario=scenario, config=config)
     driver = make_drivers(find_drivers(["gap-mobil"]), env.config)["gap-mobil"]
-    worlds = empty_worlds(1, vehicles + 1, len(env.road.open_lanes))
-    world = World(*(array[0] for array in worlds))
-    simulation = env.simulation
-    assert isinstance(simulation, Simulation)
-    loop = TwinVectorEnv(1, scenario=scenario, config=config).task.loop
     errors: list[FloatArray] = []
     for seed in range(FIRST_SEED, FIRST_SEED + scenes):
         env.reset(seed=seed, options={"vehicles": vehicles})
         for decision in range(1, 200):
-            before, scene = env.scene.snapshot, env.scene
-            action = driver.act(scene, env.observation)
-            done = env.execute(action.number)
-            if done.terminated or len(errors) >= scenes:
+            if len(errors) >= scenes:
                 break
-            if decision % every == 0:
-                commands = plan(scene, done.executed, env.config.ego, env.config.simulation)[0]
-                standing = standing_requests(simulation, before.time_s)
-                where = simulation.scenario, env.config
-                begun = {row: (lane, n) for row, (lane, n) in standing.items() if n < REQUEST_STEPS}
-                copy_scene(world, loop, simulation.fleet.population, before, begun, *where)
-                for row, (lane, steps) in standing.items():  # with those of this decision
-                    world.z[REQUEST_LANE, row], world.z[REQUEST_END, row] = lane, steps
-                for command in commands:
-                    sumo_step(world, loop, command.speed_m_s, command.y_m)
-                after = world.x[SPEED_M_S, : vehicles + 1]
+            twin = env.fork(1, include_rng=True) if decision % every == 0 else None
+            action = driver.act(env.scene, env.observation).number
+            done = env.execute(action)
+            if done.terminated:
+                break
+            if twin is not None:
+                twin.step(np.array([action]))
+                after = twin.scene(0).snapshot.speed_m_s
                 errors.append(np.abs(after - env.scene.snapshot.speed_m_s)[1:])
         if len(errors) >= scenes:
             break
@@ -138,7 +122,7 @@ def main() -> None:
     program.number("--every", 7, "decisions between two scenes of an episode")
     program.add_argument("--vehicles", nargs="+", type=int, default=[5, 10, 20, 30, 40])
     program.add_argument("--scenario", default="circular_three_lane")
-    program.some("--traffic", ("calm", "overtaking", "naturalistic"))
+    program.some("--traffic", SINGLE_PRESETS)
     given = program.parse_args()
     for kind in given.traffic:
         compare(given, Config().with_traffic(kind), kind)

@@ -11,7 +11,7 @@ from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.scene import Scene
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.errors import ConfigError
-from drl_av.random_streams import Stream, generator
+from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO
 from drl_av.scenarios.folder import Scenario
@@ -141,9 +141,7 @@ def drawn_traffic(
     ``before`` is the simulation of the previous episode. If the episode has another simulation,
     ``before`` is closed, and the new one calls the same ``after_step``.
     """
-    if len(setups) == 1:
-        return setups[0]
-    drawn = setups[int(generator(seed, Stream.KIND_OF_TRAFFIC).integers(len(setups)))]
+    drawn = setups[kind_of_traffic(seed, len(setups))]
     if drawn.simulation is not before:
         before.close()
         drawn.simulation.after_step = before.after_step

@@ -3,28 +3,39 @@
 import numpy as np
 
 from drl_av.driving.scene import Scene
-from drl_av.env.twin_episodes import REQUEST_STEPS, look_all
+from drl_av.env.episode_start import TrafficSetup
+from drl_av.env.twin_episodes import look_all
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.env.vector import TwinVectorEnv
+from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import EGO
 from drl_av.simulation.simulation import Simulation
 from drl_av.twin.copying import copy_scene
 from drl_av.twin.following import STEP_S
-from drl_av.twin.worlds import LATERAL_SPEED_M_S, REQUEST_END, STEP, TRACKED, TRACKED_LEFT
+from drl_av.twin.worlds import (
+    BRAKING,
+    DRIVER_STATE,
+    LATERAL_SPEED_M_S,
+    REQUEST_END,
+    STEP,
+    TRACKED,
+    TRACKED_LEFT,
+)
 
 
 def copy_episode(
     twin: TwinVectorEnv,
-    simulation: Simulation | TwinSimulation,
+    traffic: TrafficSetup,
     scene: Scene,
     seed: int,
     decisions: int,
 ) -> None:
     """Let the first world of ``twin`` go on from a scene after ``decisions`` decisions.
 
-    ``seed`` is the traffic seed of the episode that runs in ``simulation``, whose settings are
-    those of ``twin``.
+    ``seed`` is the traffic seed of the episode that runs in ``traffic``, whose settings are those
+    of ``twin``.
     """
+    simulation, fleet = traffic.simulation, traffic.simulation.fleet
     shot, vehicles = scene.snapshot, len(scene.snapshot.ids) - 1
     if (twin.seeds[0], twin.vehicles[0]) != (seed, vehicles):
         twin.reset(seed=seed, options={"vehicles": vehicles})
@@ -33,29 +44,28 @@ def copy_episode(
         for ours, its in zip(world, simulation.world, strict=True):
             ours[..., : its.shape[-1]] = its
     else:
-        where = simulation.scenario, twin.config
-        standing = standing_requests(simulation, shot.time_s)
-        copy_scene(world, loop, simulation.fleet.population, shot, standing, *where)
+        kinds = twin.config.per_traffic_preset
+        where = simulation.scenario, kinds[kind_of_traffic(seed, len(kinds))]
+        seen = shot, requests_of(simulation, shot.time_s), simulation.speeds_chosen()
+        copy_scene(world, loop, fleet.population, fleet.driver_models, *seen, *where)
         steps = round(shot.time_s / STEP_S)
         world.near[STEP] = steps
         world.z[[REQUEST_END, TRACKED, TRACKED_LEFT]] += steps
+    world.z[DRIVER_STATE, : vehicles + 1], world.z[BRAKING, : vehicles + 1] = traffic.drivers.memory
     world.x[LATERAL_SPEED_M_S, EGO] = shot.lateral_speed_m_s[EGO]
     change, lane = scene.lane_change, scene.affordances.lane
     episodes.lanes[0] = (lane, lane) if change is None else change[:2]
     episodes.heading_rad[0] = 0.0 if change is None else change.heading_rad
     episodes.decisions[0] = decisions
-    last = episodes.next_change[0, 1]
-    episodes.next_change[0, 0] = np.searchsorted(episodes.changes[0, :last, 0], decisions)
+    last = episodes.next_event[0, 1]
+    episodes.next_event[0, 0] = np.searchsorted(episodes.events[0, :last, 0], decisions)
     look_all(twin.worlds, episodes, twin.task, np.zeros(1, np.int64))
 
 
-def standing_requests(simulation: Simulation, time_s: float) -> dict[int, tuple[int, int]]:
-    """Return the lane changes that stand at a time: by row the lane, and the SUMO steps left."""
-    left = {
-        row: (lane, (end_s - time_s) / STEP_S) for row, (lane, end_s) in simulation.requests.items()
-    }
+def requests_of(simulation: Simulation, time_s: float) -> dict[int, tuple[int, int]]:
+    """Return the lane changes that were requested: by row the lane, and the SUMO steps left."""
     return {
-        row: (lane, round(steps))
-        for row, (lane, steps) in left.items()
-        if 0 <= steps <= REQUEST_STEPS and lane >= 0
+        row: (lane, round((end_s - time_s) / STEP_S))
+        for row, (lane, end_s) in simulation.requests.items()
+        if lane >= 0
     }

@@ -22,6 +22,7 @@ from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
     COMPLETE,
     RouteOutcome,
+    TrafficSetup,
     drawn_traffic,
     most_decisions,
     number_of_vehicles,
@@ -319,7 +320,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             )
         if self._twin is None:
             self._twin = TwinVectorEnv(config=self.config, autoreset_mode="Disabled")
-        copy_episode(self._twin, self.simulation, self.scene, self.seed, self.decisions)
+        traffic = TrafficSetup(self.simulation, self.traffic_drivers)
+        copy_episode(self._twin, traffic, self.scene, self.seed, self.decisions)
         return self._twin.fork(n, seed, include_rng)
 
     def render(self) -> npt.NDArray[np.uint8] | None:

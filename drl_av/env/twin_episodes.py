@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import borrowing, inlined, numbers
 from drl_av.config import Config
+from drl_av.drivers.background.traffic import TrafficNumbers, traffic_numbers
 from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
 from drl_av.driving.maneuver import plan_into
@@ -21,19 +22,18 @@ from drl_av.safety.paper import SafetyNumbers, paper_verdicts
 from drl_av.safety.reachability import StrictNumbers
 from drl_av.safety.strict import strict_verdicts
 from drl_av.scenarios.folder import Scenario
+from drl_av.twin.commands import drive_traffic, happen
 from drl_av.twin.step import sumo_step
 from drl_av.twin.traffic import loop_of
 from drl_av.twin.worlds import (
     ASIDE_M,
     COUNT,
+    DRIVER_COUNT,
     FRONT_M,
     LANE,
     LATERAL_SPEED_M_S,
     LENGTH_M,
-    REQUEST_END,
-    REQUEST_LANE,
     SPEED_M_S,
-    STEP,
     WIDTH_M,
     FloatArray,
     IntArray,
@@ -42,8 +42,6 @@ from drl_av.twin.worlds import (
     Worlds,
 )
 
-REQUEST_STEPS = 10
-"""Steps for which SUMO tries to execute a random lane change."""
 PERMIT_ALL, PAPER, STRICT = range(3)
 """The numbers of the safety checks."""
 CHECK_NUMBERS = {"permit_all": PERMIT_ALL, "paper": PAPER, "strict": STRICT}
@@ -74,10 +72,10 @@ class Episodes(NamedTuple):
     """Shape (worlds, 2): the lanes of the lane change in progress, equal if there is none."""
     heading_rad: FloatArray
     """Shape (worlds,)."""
-    changes: IntArray
-    """Shape (worlds, most changes, 3): the random lane changes: decision, row, side."""
-    next_change: IntArray
-    """Shape (worlds, 2): the number of the next random lane change, and of all of them."""
+    events: IntArray
+    """Shape (worlds, most events, 3): the random events, as in ``Drawn``."""
+    next_event: IntArray
+    """Shape (worlds, 2): the number of the next random event, and of all of them."""
     decisions: IntArray
     """Shape (worlds,): decisions since the start."""
     terms: FloatArray
@@ -101,6 +99,7 @@ class Task(NamedTuple):
     strict: StrictNumbers
     ego: EgoNumbers
     check: int
+    traffic: TrafficNumbers
 
 
 def task_of(scenario: Scenario, config: Config) -> Task:
@@ -128,11 +127,12 @@ def task_of(scenario: Scenario, config: Config) -> Task:
         strict=numbers(StrictNumbers, config.strict),
         ego=ego_numbers(config.ego, config.simulation),
         check=CHECK_NUMBERS[config.safety.check],
+        traffic=traffic_numbers(config, road, scenario.vehicle_types),
     )
 
 
-def empty_episodes(worlds: int, vehicles: int, steps: int, changes: int) -> Episodes:
-    """Return the arrays of episodes for up to ``vehicles`` vehicles and ``changes`` requests."""
+def empty_episodes(worlds: int, vehicles: int, steps: int, events: int) -> Episodes:
+    """Return the arrays of episodes for up to ``vehicles`` vehicles and ``events`` events."""
     return Episodes(
         scene=np.zeros((worlds, 6, vehicles)),
         before=np.zeros((worlds, 2, vehicles)),
@@ -144,15 +144,15 @@ def empty_episodes(worlds: int, vehicles: int, steps: int, changes: int) -> Epis
         rules=np.zeros((worlds, 12), np.int64),
         lanes=np.zeros((worlds, 2), np.int64),
         heading_rad=np.zeros(worlds),
-        changes=np.zeros((worlds, changes, 3), np.int64),
-        next_change=np.zeros((worlds, 2), np.int64),
+        events=np.zeros((worlds, events, 3), np.int64),
+        next_event=np.zeros((worlds, 2), np.int64),
         decisions=np.zeros(worlds, np.int64),
         terms=np.zeros((worlds, 3)),
         collision=np.full((worlds, 2), NO_CONTACT, np.int64),
     )
 
 
-@compiled
+@borrowing
 def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> None:
     """Compute the present scene of the worlds ``rows``."""
     for w in rows:
@@ -161,7 +161,7 @@ def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> 
         look(episodes, task, w, world.near[COUNT])
 
 
-@compiled
+@borrowing
 def decide_all(
     worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray, actions: IntArray
 ) -> None:
@@ -171,7 +171,7 @@ def decide_all(
         decide(world, episodes, task, w, actions[w])
 
 
-@compiled
+@borrowing
 def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
     loop, scene, plan, lanes = task.loop, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
@@ -190,7 +190,9 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
         plan[1],
         plan[2],
     )
-    request_changes(world, episodes, w)
+    let_events_happen(world, episodes, w)
+    if world.near[DRIVER_COUNT]:
+        drive_traffic(world, scene, task.traffic, plan.shape[1])
     episodes.collision[w, 0] = NO_CONTACT
     for step in range(plan.shape[1]):
         command = plan[0, step], plan[1, step], plan[2, step]
@@ -203,7 +205,7 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     look(episodes, task, w, world.near[COUNT])
 
 
-@compiled
+@borrowing
 def advance(
     world: World,
     loop: Loop,
@@ -239,26 +241,17 @@ def advance(
     return kind, row
 
 
-@compiled
-def request_changes(world: World, episodes: Episodes, w: int) -> None:
-    """Request the random lane changes of the present decision."""
-    number, last = episodes.next_change[w, 0], episodes.next_change[w, 1]
-    while number < last and episodes.changes[w, number, 0] <= episodes.decisions[w]:
-        request_change(world, episodes.changes[w, number, 1], episodes.changes[w, number, 2])
+@borrowing
+def let_events_happen(world: World, episodes: Episodes, w: int) -> None:
+    """Let the random events of the present decision happen."""
+    number, last = episodes.next_event[w, 0], episodes.next_event[w, 1]
+    while number < last and episodes.events[w, number, 0] <= episodes.decisions[w]:
+        happen(world, episodes.events[w, number, 1], episodes.events[w, number, 2])
         number += 1
-    episodes.next_change[w, 0] = number
+    episodes.next_event[w, 0] = number
 
 
-@compiled
-def request_change(world: World, i: int, side: int) -> None:
-    """Request a lane change of a vehicle: +1 to the left, -1 to the right."""
-    lane = world.z[LANE, i] + side
-    if lane >= 0:
-        world.z[REQUEST_LANE, i] = lane
-        world.z[REQUEST_END, i] = world.near[STEP] + REQUEST_STEPS
-
-
-@compiled
+@inlined
 def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
     """Write the state of all vehicles as the arrays of a snapshot, shape (6, vehicles)."""
     for i in range(world.near[COUNT]):
@@ -271,7 +264,7 @@ def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
         scene[5, i] = world.x[WIDTH_M, i]
 
 
-@compiled
+@borrowing
 def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     """Compute indicators, observation, reward terms and verdicts of the present scene."""
     scene, values, codes = episodes.scene[w], episodes.values[w], episodes.codes[w]

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.env.twin_episodes import advance, read_scene, request_change
+from drl_av.env.twin_episodes import advance, read_scene
 from drl_av.errors import ConfigError
 from drl_av.road.road_numbers import road_numbers
 from drl_av.road.snapshot import NO_COMMANDS, Collision, Command, Snapshot, TrafficCommands
@@ -14,9 +14,10 @@ from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color
 from drl_av.simulation.vehicle_calls import EgoModel
+from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import loop_of, place_vehicles
-from drl_av.twin.worlds import STEP, World, empty_worlds
+from drl_av.twin.worlds import STEP, WISH_M_S2, World, empty_worlds
 
 
 class TwinSimulation:
@@ -52,8 +53,8 @@ class TwinSimulation:
         worlds = empty_worlds(1, count, self._loop.lanes)
         self.world = World(*(array[0] for array in worlds))
         self._scene, self._before = np.zeros((6, count)), np.zeros((2, count))
-        population = self.fleet.population
-        place_vehicles(self.world, self._loop, population, self.scenario, self._config)
+        its = self.fleet.population, self.fleet.driver_models, self.scenario, self._config
+        place_vehicles(self.world, self._loop, *its)
         read_scene(self.world, self._loop, self._scene)
         return self._snapshot()
 
@@ -65,7 +66,10 @@ class TwinSimulation:
         Return the snapshot after the last step, and the ego's collision or None.
         """
         for row, side in self.fleet.lane_changes(0.0, ()):
-            request_change(self.world, row, side)
+            request_change(self.world, row, side, REQUEST_STEPS)
+        self.world.x[WISH_M_S2, traffic_commands.rows] = traffic_commands.acceleration_m_s2
+        for row, side in traffic_commands.lane_changes():
+            request_change(self.world, row, side, len(commands))
         collision = None
         for command in commands:
             kind, row = advance.fast(

@@ -26,7 +26,7 @@ from drl_av.env.twin_episodes import (
     task_of,
 )
 from drl_av.errors import ConfigError
-from drl_av.random_streams import Stream, generator
+from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT
 from drl_av.safety import CHECKS
@@ -34,14 +34,14 @@ from drl_av.safety.check import RULES
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
-from drl_av.twin.worlds import COUNT, LANE, STEP, World, empty_worlds
+from drl_av.twin.worlds import COUNT, LANE, MODEL, STEP, World, empty_worlds
 
 Observations = npt.NDArray[np.float32]
 RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
 COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
 """By number; -1, no collision, is the last."""
-FIRST_CHANGES = 64
-"""Random lane changes of an episode for which there is room before the arrays grow."""
+FIRST_EVENTS = 64
+"""Random events of an episode for which there is room before the arrays grow."""
 
 
 class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[Any]]):
@@ -97,11 +97,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self._options: Mapping[str, Any] = {}
         self._begun = False
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
-        self._make_arrays(config.traffic.vehicles_max + 1, FIRST_CHANGES)
+        self._make_arrays(config.traffic.vehicles_max + 1, FIRST_EVENTS)
 
     def _make_worlds(self, count: int, mode: AutoresetMode) -> None:
         """Make what there is once a world, besides the arrays."""
-        self.num_envs, self._autoreset = count, mode
+        self.num_envs, self.autoreset_mode = count, mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         batch = gymnasium.vector.utils.batch_space
         self.observation_space = batch(self.single_observation_space, count)
@@ -112,14 +112,16 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self.vehicles = np.zeros(count, np.int64)
         """The vehicles besides the ego in each world."""
         self._over = np.ones(count, np.bool_)
+        self._rows, self._no_words = np.arange(count), np.full(count, "", dtype=object)
+        self._no_words.setflags(write=False)
         self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
         self._pool = ThreadPoolExecutor(self._chunks) if self._chunks > 1 else None
 
-    def _make_arrays(self, vehicles: int, changes: int) -> None:
-        """Make the arrays of all worlds for so many vehicles and requests in one."""
+    def _make_arrays(self, vehicles: int, events: int) -> None:
+        """Make the arrays of all worlds for so many vehicles and events in one."""
         worlds, steps = self.num_envs, self.config.simulation.steps_per_decision
         self.worlds = empty_worlds(worlds, vehicles, self.task.loop.lanes)
-        self.episodes = empty_episodes(worlds, vehicles, steps, changes)
+        self.episodes = empty_episodes(worlds, vehicles, steps, events)
 
     def reset(
         self,
@@ -171,27 +173,28 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         proposed = self._proposed(actions)
         begins = self._over.copy()
         if begins.any() and not self._is_fork:
-            if self._autoreset == AutoresetMode.DISABLED:
+            if self.autoreset_mode == AutoresetMode.DISABLED:
                 raise gymnasium.error.ResetNeeded(
                     "An episode is over: call reset with the option reset_mask."
                 )
             self._begin(np.flatnonzero(begins), [None] * self.num_envs)
         rows = np.flatnonzero(~begins)
-        executed = self.episodes.executed[np.arange(self.num_envs), proposed]
-        rules = self.episodes.rules[np.arange(self.num_envs), proposed]
+        executed = self.episodes.executed[self._rows, proposed]
+        rules = self.episodes.rules[self._rows, proposed]
         self._decide(rows, proposed)
         goes_on = ~begins | self._is_fork
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
         late = self.episodes.decisions >= self.config.simulation.decisions_per_episode
         truncated = late & goes_on
-        rewards = self.episodes.terms.sum(axis=1) / 3
+        r_v, r_y, r_x = self.episodes.terms.T
+        rewards = (r_v + r_y + r_x) / 3
         rewards[terminated] = self.config.reward.collision_reward
         rewards[begins] = 0.0
         self._over = terminated | truncated
         info = self._info(np.ones(self.num_envs, np.bool_))
         info |= self._outcome(~begins, proposed, executed, rules)
         observations = self.episodes.observation.copy()
-        if self._autoreset == AutoresetMode.SAME_STEP and self._over.any():
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
             observations = self._restart(observations, info)
         return observations, rewards, terminated, truncated, info
 
@@ -204,8 +207,8 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
         Args:
             n: The number of copies.
-            seed: The other vehicles of the copy i change lanes at random by the seed ``seed`` + i.
-            include_rng: Whether they change lanes as they will in the original instead, so that a
+            seed: The other vehicles of the copy i behave at random by the seed ``seed`` + i.
+            include_rng: Whether they behave as they will in the original instead, so that a
                 search is clairvoyant; so named after ``clone_state`` of the Arcade Learning
                 Environment.
             world: The world to copy.
@@ -218,7 +221,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         fork, decisions = copy(self), int(self.episodes.decisions[world])
         fork._is_fork, fork._options = True, {}
         fork._make_worlds(n, AutoresetMode.DISABLED)
-        fork._make_arrays(self.worlds.x.shape[2], self.episodes.changes.shape[1])
+        fork._make_arrays(self.worlds.x.shape[2], self.episodes.events.shape[1])
         given: tuple[Any, ...] = (*self.worlds, *self.episodes)
         made: tuple[Any, ...] = (*fork.worlds, *fork.episodes)
         for before, after in zip(given, made, strict=True):
@@ -226,11 +229,12 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         fork.seeds[:], fork.vehicles[:] = self.seeds[world], self.vehicles[world]
         fork._over[:] = False
         if not include_rng:
-            vehicles, most = int(self.vehicles[world]), self.config.simulation.decisions_per_episode
+            kinds, timing = self.config.per_traffic_preset, self.config.simulation
+            kind = kinds[kind_of_traffic(int(self.seeds[world]), len(kinds))]
+            models = self.worlds.z[world, MODEL, : self.vehicles[world] + 1]
+            left = models, kind, decisions, timing.decisions_per_episode - decisions
             for row in range(n):
-                rng = generator(seed + row, Stream.FORKS)
-                left = vehicles, self.config, decisions, most - decisions
-                fork._set_changes(row, draw_future(rng, *left))
+                fork._set_events(row, draw_future(seed + row, *left))
         return fork
 
     def action_masks(self) -> npt.NDArray[np.int8]:
@@ -304,11 +308,13 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                 self._options, int(self.seeds[row]), config.traffic, None, None
             )
             self.vehicles[row] = vehicles
-            drawn.append(draw_traffic(int(self.seeds[row]), vehicles, self._scenario, config, most))
-        self._make_room(max((len(population.ids) for population, _ in drawn), default=0), 0)
-        for row, (population, changes) in zip(rows.tolist(), drawn, strict=True):
-            place_vehicles(self.world(row), self.task.loop, population, self._scenario, config)
-            self._set_changes(row, changes)
+            asked = int(self.seeds[row]), vehicles, self._scenario, config.per_traffic_preset, most
+            drawn.append(draw_traffic(*asked))
+        self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
+        for row, one in zip(rows.tolist(), drawn, strict=True):
+            vehicles_of_it = one.population, one.driver_models, self._scenario, one.config
+            place_vehicles(self.world(row), self.task.loop, *vehicles_of_it)
+            self._set_events(row, one.events)
         episodes = self.episodes
         episodes.lanes[rows] = self.worlds.z[rows, LANE, :1]
         episodes.heading_rad[rows], episodes.decisions[rows] = 0.0, 0
@@ -316,19 +322,19 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self._over[rows] = False
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
 
-    def _set_changes(self, row: int, changes: npt.NDArray[np.int64]) -> None:
-        """Set the random lane changes of a world that are to come."""
-        self._make_room(0, len(changes))
-        self.episodes.changes[row, : len(changes)] = changes
-        self.episodes.next_change[row] = 0, len(changes)
+    def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
+        """Set the random events of a world that are to come."""
+        self._make_room(0, len(events))
+        self.episodes.events[row, : len(events)] = events
+        self.episodes.next_event[row] = 0, len(events)
 
-    def _make_room(self, vehicles: int, changes: int) -> None:
-        """Enlarge the arrays if they have no room for so many vehicles and requests in a world."""
-        room = self.worlds.x.shape[2], self.episodes.changes.shape[1]
-        if vehicles <= room[0] and changes <= room[1]:
+    def _make_room(self, vehicles: int, events: int) -> None:
+        """Enlarge the arrays if they have no room for so many vehicles and events in a world."""
+        room = self.worlds.x.shape[2], self.episodes.events.shape[1]
+        if vehicles <= room[0] and events <= room[1]:
             return
         old_worlds, old_episodes = self.worlds, self.episodes
-        self._make_arrays(max(vehicles, room[0]), max(changes, room[1]))
+        self._make_arrays(max(vehicles, room[0]), max(events, room[1]))
         old: tuple[Any, ...] = (*old_worlds, *old_episodes)
         new: tuple[Any, ...] = (*self.worlds, *self.episodes)
         for before, after in zip(old, new, strict=True):
@@ -357,11 +363,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             "vehicles": self.vehicles.copy(),
             "speed_m_s": values[:, 24].copy(),
             "indicators": values,
-            "way": np.full(self.num_envs, "", dtype=object),
+            "way": self._no_words,
         }
         if self._masked:
             info["action_mask"] = self.action_masks()
-        return info | {f"_{name}": present.copy() for name in info}
+        return info | {f"_{name}": present for name in info}
 
     def _outcome(
         self,
@@ -373,11 +379,13 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         """Return what only a step has in ``info``."""
         kind, other = self.episodes.collision.T
         hits = kind != NO_CONTACT
-        names = np.full(self.num_envs, "", dtype=object)
-        for row in np.flatnonzero(hits & (other > 0)).tolist():
-            names[row] = f"vehicle{other[row]}"
+        names = self._no_words
+        if hits.any():
+            names = names.copy()
+            for row in np.flatnonzero(hits & (other > 0)).tolist():
+                names[row] = f"vehicle{other[row]}"
         r_v, r_y, r_x = self.episodes.terms.T.copy()
-        marks = {f"_{name}": present.copy() for name in ("r_v", "r_y", "r_x")}
+        marks = {f"_{name}": present for name in ("r_v", "r_y", "r_x")}
         info: dict[str, Any] = {
             "proposed_action": proposed,
             "executed_action": executed,
@@ -386,4 +394,4 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             "collision": COLLISION_WORDS[kind],
             "collided_with": names,
         }
-        return info | {f"_{name}": present.copy() for name in info}
+        return info | {f"_{name}": present for name in info}

@@ -20,7 +20,8 @@ from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.replay import ReplaySession
-from drl_av.evaluation.table import read_rows, report_corrupt_table, results_of, stored_config
+from drl_av.evaluation.table import report_corrupt_table, results_of, stored_config
+from drl_av.files import read_table
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
@@ -46,7 +47,7 @@ def worst_sessions(
     """
     beside = table.with_suffix(PROVENANCE)
     with report_corrupt_table(table):
-        rows = read_rows(table)
+        rows = read_table(table)
         kind = CriticalityResult if rows and "driven_m" in rows[0] else EpisodeResult
         results = results_of(rows, kind)
         config = stored_config(read_provenance(beside, table)["settings"], beside.name)

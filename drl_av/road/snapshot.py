@@ -81,6 +81,11 @@ class TrafficCommands(NamedTuple):
     side: npt.NDArray[np.int64]
     """A lane change to the left (+1) or right (-1), or none (0)."""
 
+    def lane_changes(self) -> list[tuple[int, int]]:
+        """Return the wanted lane changes, as pairs (row, side)."""
+        (wanted,) = self.side.nonzero()
+        return [*zip(self.rows[wanted].tolist(), self.side[wanted].tolist(), strict=True)]
+
 
 NO_COMMANDS = TrafficCommands(np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64))
 

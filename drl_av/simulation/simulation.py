@@ -10,6 +10,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import SimulationError
+from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import (
     EGO,
     EGO_ID,
@@ -31,7 +32,6 @@ from drl_av.simulation.sumo import connection, option_words, require_display, st
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
     StateReader,
-    ask_for_lane_changes,
     clear_the_road,
     hand_over,
     is_centered,
@@ -160,16 +160,12 @@ class Simulation:
         if not self._owns_sumo():
             raise SimulationError("SUMO does not run for this simulation: reset it first.")
         collision, timing = None, self._config.simulation
-        ids, vehicle = self.fleet.ids, self._sumo.vehicle
+        ids = self.fleet.ids
         try:
-            for row, side in self.fleet.lane_changes(self._time_s, self._state[1]):
-                if self.fleet.driver_models[row] == DriverModel.SUMO or is_centered(
-                    vehicle, ids[row]
-                ):
-                    vehicle.changeLaneRelative(ids[row], side, LANE_CHANGE_S)
-                    lane = self.road.lane_of(float(self._state[1, row])) + side
-                    self.requests[row] = lane, self._time_s + LANE_CHANGE_S
-            ask_for_lane_changes(vehicle, ids, traffic_commands, timing)
+            changes = self.fleet.lane_changes(self._time_s, self._state[1])
+            self._request_lane_changes(changes, LANE_CHANGE_S)
+            wanted = traffic_commands.lane_changes()
+            self._request_lane_changes(wanted, timing.decision_interval_s)
             asks = len(traffic_commands.rows) or self._config.traffic.keep_stopping_distance
             if asks:
                 self._requests.begin(self._state, traffic_commands)
@@ -205,6 +201,25 @@ class Simulation:
     def _owns_sumo(self) -> bool:
         """Return whether this simulation has reserved an instance of SUMO."""
         return self._release is not None and self._release.alive
+
+    def _request_lane_changes(self, changes: Sequence[tuple[int, int]], valid_s: float) -> None:
+        """Request lane changes, by row and side; SUMO completes each one that it has begun."""
+        vehicle = self._sumo.vehicle
+        for row, side in changes:
+            name, is_sumo = self.fleet.ids[row], self.fleet.driver_models[row] == DriverModel.SUMO
+            if is_sumo or is_centered(vehicle, name):
+                vehicle.changeLaneRelative(name, side, valid_s)
+                lane = self.road.lane_of(float(self._state[1, row])) + side
+                self.requests[row] = lane, self._time_s + valid_s
+
+    def speeds_chosen(self) -> FloatArray:
+        """Return the speeds that SUMO's models chose in the last step, and the accelerations.
+
+        A request overrides the choice; the shape is (2, 1 + N).
+        """
+        vehicle = self._sumo.vehicle
+        read = vehicle.getSpeedWithoutTraCI, vehicle.getAcceleration
+        return np.array([[*map(one, self.fleet.ids)] for one in read])
 
     def _exchange(self) -> None:
         """Remove the vehicles that have left an open road, and add those that enter it."""

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.compiled import compiled
-from drl_av.config import EgoConfig, SimulationConfig, TrafficConfig
+from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.road.road import CENTERED_M, FloatArray
-from drl_av.road.snapshot import EGO_ID, TrafficCommands
+from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.layout import Layout, route_on
 from drl_av.simulation.population import Population
@@ -37,23 +37,6 @@ def is_centered(vehicle: Any, name: str) -> bool:
     new request would make SUMO continue it, even into that other vehicle.
     """
     return bool(abs(vehicle.getLateralLanePosition(name)) <= CENTERED_M)
-
-
-def ask_for_lane_changes(
-    vehicle: Any,
-    ids: Sequence[str],
-    traffic_commands: TrafficCommands,
-    timing: SimulationConfig,
-) -> None:
-    """Request the lane changes of ``traffic_commands``, valid until the next decision.
-
-    SUMO completes each lane change that it has begun. ``vehicle`` is the domain ``vehicle`` of
-    libsumo or traci; ``ids`` holds the SUMO id of the vehicle in each row of the snapshot.
-    """
-    for one in traffic_commands.side.nonzero()[0].tolist():
-        name, side = ids[traffic_commands.rows[one]], int(traffic_commands.side[one])
-        if is_centered(vehicle, name):
-            vehicle.changeLaneRelative(name, side, timing.decision_interval_s)
 
 
 def packed(numbers: Sequence[float], rows: int) -> FloatArray:

@@ -1,6 +1,6 @@
 """How a driver of SUMO's SL2015 asks the vehicles around for room for a lane change."""
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.flags import (
     ASKED_BY_LEFTWARD,
     ASKED_BY_RIGHTWARD,
@@ -27,6 +27,7 @@ from drl_av.twin.worlds import (
     DESIRED_M_S,
     HEADWAY_S,
     LENGTH_M,
+    OVERTAKES_RIGHT,
     SPEED_M_S,
     STATE,
     Loop,
@@ -39,7 +40,7 @@ FALL_BEHIND_M_S = 7.0 / 3.6
 CUT_IN_LEFT_M_S = 27.0
 
 
-@borrowing
+@inlined
 def inform(world: World, j: int, advice: float, flags: int) -> None:
     """Tell the vehicle ``j`` that it is in the way; ``advice`` is a speed for it, or negative."""
     world.z[STATE, j] |= flags
@@ -47,7 +48,7 @@ def inform(world: World, j: int, advice: float, flags: int) -> None:
         advise(world, j, advice)
 
 
-@borrowing
+@inlined
 def advise(world: World, j: int, advice: float) -> None:
     """Advise a vehicle of a speed for the next step; it ignores one that it cannot reach."""
     speed = world.x[SPEED_M_S, j]
@@ -56,7 +57,7 @@ def advise(world: World, j: int, advice: float) -> None:
         world.x[ADVICE_M_S, j] = reached
 
 
-@borrowing
+@inlined
 def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
     """Return the next speed of the vehicle ``i`` behind another one, by its IDM."""
     return follow_speed(
@@ -89,7 +90,7 @@ def inform_leader(
         length_m = world.x[LENGTH_M, i]
         past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
         past_m += secure_gap(its, speed, world.x[HEADWAY_S, j], j == 0)
-        stays = side > 0 and speed >= CONGESTED_M_S and not loop.overtake_right
+        stays = side > 0 and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
         if faster < EPS or stays or faster * seconds < past_m:
             inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
             target = its_follow_speed(world, i, gap_m, its)
@@ -110,7 +111,7 @@ def inform_leader(
     return min(target, planned)
 
 
-@borrowing
+@inlined
 def stop_speed(world: World, i: int) -> float:
     """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
     return idm_speed(
@@ -167,7 +168,7 @@ def inform_follower(
         inform(world, j, safe, asked)
     elif faster > 0 and faster * seconds > needed_m - later_m + 0.1:
         inform(world, j, slowed, asked)
-    elif side < 0 and not loop.overtake_right and its >= CONGESTED_M_S:
+    elif side < 0 and not world.near[OVERTAKES_RIGHT] and its >= CONGESTED_M_S:
         inform(world, j, max(slowed, HELP_M_S), asked)
     else:
         helped = max(its, speed + HELP_M_S)

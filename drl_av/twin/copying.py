@@ -9,30 +9,38 @@ from drl_av.config import Config
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.population import Population
-from drl_av.twin.following import EPS
-from drl_av.twin.lane_change import change_lane
+from drl_av.twin.following import EPS, STEP_S
+from drl_av.twin.lane_change import change_lane, shift
 from drl_av.twin.lane_speeds import needs_thought
-from drl_av.twin.neighbors import shadow_lane
+from drl_av.twin.neighbors import link, shadow_lane
 from drl_av.twin.traffic import place_vehicles, sort_and_activate
 from drl_av.twin.worlds import (
+    ACCELERATION_NOW_M_S2,
     ADVICE_M_S,
     ASIDE_M,
+    CHOSEN_M_S,
     COMMANDED_M,
     COUNT,
     FRONT_M,
+    GAIN_LEFT,
+    GAIN_RIGHT,
     LANE,
     LATERAL_SPEED_M_S,
     LENGTH_M,
     MANEUVER_M,
     MASK,
+    ON_REQUEST_ONLY,
     ORDER,
     REQUEST_END,
     REQUEST_LANE,
     SHADOW,
     SPEED_M_S,
+    STEP,
     TRACKED,
     TRACKED_LEFT,
     WIDTH_M,
+    FloatArray,
+    IntArray,
     Loop,
     World,
 )
@@ -45,21 +53,26 @@ def copy_scene(
     world: World,
     loop: Loop,
     population: Population,
+    driver_models: IntArray,
     snapshot: Snapshot,
     requests: Mapping[int, tuple[int, int]],
+    chosen: FloatArray,
     scenario: Scenario,
     config: Config,
 ) -> None:
     """Copy the vehicles of a snapshot into a world, with their parameters in ``population``.
 
-    ``requests`` holds by row the lane changes that were requested and still stand: the lane, and
-    for how many SUMO steps more. What SUMO's drivers remember cannot be seen. Each is taken to have
-    had the present traffic around it for long.
+    ``requests`` holds by row the lane changes that were requested: the lane, and for how many SUMO
+    steps more, below 0 if no longer. ``chosen``, shape (2, vehicles), holds the speeds that SUMO's
+    models chose in the last step, which requests override, and the accelerations. What SUMO's
+    drivers remember cannot be seen. Each is taken to have had the present traffic around it for
+    long, and one that rests beside the centre of its lane to have reason to stay there.
     """
-    place_vehicles(world, loop, population, scenario, config)
+    place_vehicles(world, loop, population, driver_models, scenario, config)
     x, z, n = world.x, world.z, len(snapshot.ids)
     x[FRONT_M, :n] = (snapshot.s_m + x[LENGTH_M, :n] / 2) % loop.lap_m
     x[SPEED_M_S, :n] = snapshot.speed_m_s
+    x[CHOSEN_M_S, :n], x[ACCELERATION_NOW_M_S2, :n] = chosen
     x[LATERAL_SPEED_M_S, :n] = snapshot.lateral_speed_m_s
     lanes = np.floor(snapshot.y_m / loop.lane_m + 0.5).astype(np.int64)
     z[LANE, :n], x[ASIDE_M, :n] = lanes, snapshot.y_m - lanes * loop.lane_m
@@ -73,9 +86,15 @@ def copy_scene(
         if row in requests:
             z[REQUEST_LANE, row], steps = requests[row]
             z[REQUEST_END, row] = steps
-            if snapshot.lateral_speed_m_s[row]:
+            is_bound = steps >= 0 or z[ON_REQUEST_ONLY, row]
+            if snapshot.lateral_speed_m_s[row] and is_bound:
                 rest_m = rest_of_change(lane, aside_m, width_m, int(z[REQUEST_LANE, row]), loop)
                 x[MANEUVER_M, row], x[COMMANDED_M, row] = rest_m, rest_m
+    rests = (x[ASIDE_M] != 0.0) & (x[LATERAL_SPEED_M_S] == 0.0)
+    x[GAIN_LEFT], x[GAIN_RIGHT] = (
+        -1.0 * (rests & (x[ASIDE_M] < 0)),
+        -1.0 * (rests & (x[ASIDE_M] > 0)),
+    )
     sort_and_activate(world, loop)
     advise_all(world, loop)
 
@@ -88,13 +107,20 @@ def rest_of_change(lane: int, aside_m: float, width_m: float, target: int, loop:
 
 
 def advise_all(world: World, loop: Loop) -> None:
-    """Let the drivers look around and ask for room as at the end of a step, without moving."""
+    """Let the drivers look around and ask for room as at the end of the last step, without moving.
+
+    Each does so from where it was before its last move sideways.
+    """
     x, z = world.x, world.z
+    world.near[STEP] -= 1
     for k in range(int(world.near[COUNT])):
         row = z[ORDER, k]
         if row != 0 and needs_thought(world, loop, k):
             reals, wholes = x[:, row].copy(), z[:, row].copy()
+            shift(world, loop, row, -x[LATERAL_SPEED_M_S, row] * STEP_S)
             change_lane(world, loop, k)
             kept = x[ADVICE_M_S, row]
             x[:, row], z[:, row] = reals, wholes
             x[ADVICE_M_S, row] = kept
+            link(world, loop)
+    world.near[STEP] += 1

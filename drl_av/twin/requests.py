@@ -14,6 +14,7 @@ from drl_av.twin.neighbors import EDGES
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
+    CHOSEN_M_S,
     COUNT,
     EDGE,
     FRONT_M,
@@ -23,7 +24,6 @@ from drl_av.twin.worlds import (
     ORDER,
     REQUESTED_M_S,
     SPEED_M_S,
-    UNASKED_M_S,
     WISH_M_S2,
     Loop,
     World,
@@ -46,7 +46,7 @@ def request_speeds(world: World, loop: Loop) -> None:
             x[REQUESTED_M_S, i] = limited_speed(most, speed, acceleration, STEP_S)
         else:
             now = x[ACCELERATION_NOW_M_S2, i]
-            wanted, chosen = x[WISH_M_S2, i], x[UNASKED_M_S, i]
+            wanted, chosen = x[WISH_M_S2, i], x[CHOSEN_M_S, i]
             x[REQUESTED_M_S, i] = wished_speed(
                 most, speed, wanted, chosen, now, BRAKING_M_S2, STEP_S
             )

@@ -28,7 +28,7 @@ IntArray = npt.NDArray[np.int64]
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
     WISH_M_S2,
-    UNASKED_M_S,
+    CHOSEN_M_S,
     REQUESTED_M_S,
     MANEUVER_M,
     COMMANDED_M,
@@ -46,7 +46,7 @@ speed in the last step divided by its length. SUMO's parameters of a driver are 
 ``HEADWAY_S``, ``ACCELERATION_M_S2``, and the speed gains from which it changes to the left and to
 the right. ``WISH_M_S2`` is the acceleration that a driver of ours wants, nan if SUMO drives;
 ``REQUESTED_M_S`` is the speed requested for this step (``LEFT_TO_SUMO`` without a request), and
-``UNASKED_M_S`` the one that SUMO's models chose in the last step without regard to a request.
+``CHOSEN_M_S`` the one that SUMO's models chose in the last step, which a request overrides.
 ``ADVICE_M_S`` bounds the next speed for the lane changes around (inf without one). ``MANEUVER_M``
 is the lateral distance left of the lane change in progress, ``COMMANDED_M`` the same of one that
 was requested.
@@ -69,7 +69,13 @@ was requested.
     TRACKED,
     TRACKED_LEFT,
     EDGE,
-) = range(14)
+    MODEL,
+    DRIVERS,
+    DRIVER_STATE,
+    BRAKING,
+    SIDE,
+    AHEAD,
+) = range(20)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
@@ -80,16 +86,25 @@ if its last move could be made at once. ``ORDER`` lists the vehicles, the foremo
 has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
 expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
 same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
+``MODEL`` is the kind of driver, a ``DriverModel``; ``DRIVERS`` lists the rows of our own, in
+their order. ``DRIVER_STATE`` is the state of a finite-state machine, ``BRAKING`` for how many
+decisions a driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The
+rows from ``AHEAD`` on, one a lane, have a column for each place in ``ORDER``: the place of the next
+vehicle ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``).
 """
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
 """Entries of ``near``: the vehicles of the world, the ego included; its SUMO steps since the start;
 the length of SUMO's list of the strips with vehicles (``active_lanes``); and 1 if a vehicle has
 changed lanes in this step."""
-ACTIVE = 20
-"""First entry of ``near`` with that list; ``MARKS``: the first with a mark of each strip."""
+OVERTAKES_RIGHT, KEEPS_DISTANCE, DRIVER_COUNT = 20, 21, 22
+"""Further entries: 1 if a vehicle may be passed on the right above 60 km/h; 1 if each vehicle stays
+slow enough to stop behind the one ahead; and the number of drivers of our own."""
+ACTIVE = 23
+"""First entry of ``near`` with that list."""
 MOST_STRIPS = 40
-MARKS = ACTIVE + MOST_STRIPS
+FIRST_ON = ACTIVE + MOST_STRIPS
+"""First entry of ``near`` with the foremost vehicle of each edge, as its place in ``ORDER``."""
 
 
 class World(NamedTuple):
@@ -102,7 +117,7 @@ class World(NamedTuple):
     notes: FloatArray
     """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
     near: IntArray
-    """The vehicles around that vehicle, and counts of the world, shape (100,)."""
+    """The vehicles around that vehicle, and counts of the world, shape (67,)."""
 
 
 class Worlds(NamedTuple):
@@ -115,7 +130,7 @@ class Worlds(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """The road of all worlds, and what SUMO's steps depend on besides the vehicles."""
+    """The road of all worlds."""
 
     lap_m: float
     edge_m: float
@@ -128,17 +143,13 @@ class Loop(NamedTuple):
     last_open: int
     limit_m_s: float
     """SUMO's speed limit of the road."""
-    overtake_right: bool
-    """Whether a vehicle may be passed on the right above 60 km/h."""
-    keeps_stopping_distance: bool
-    """Whether each vehicle stays slow enough to stop behind the one ahead."""
 
 
 def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
     return Worlds(
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
-        z=np.zeros((worlds, EDGE + 1, vehicles), dtype=np.int64),
+        z=np.zeros((worlds, AHEAD + lanes, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
-        near=np.zeros((worlds, MARKS + MOST_STRIPS), dtype=np.int64),
+        near=np.zeros((worlds, FIRST_ON + 4), dtype=np.int64),
     )

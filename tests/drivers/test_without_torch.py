@@ -3,15 +3,17 @@
 import subprocess
 from pathlib import Path
 
+import pytest
 from programs import python
 
-WITHOUT_TORCH = """
+WITHOUT = """
 import sys
-class WithoutTorch:
+hidden = sys.argv.pop(1)
+class Without:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "torch":
-            raise ModuleNotFoundError("No module named 'torch'", name="torch")
-sys.meta_path.insert(0, WithoutTorch())
+        if name.partition(".")[0] == hidden:
+            raise ModuleNotFoundError(f"No module named {hidden!r}", name=hidden)
+sys.meta_path.insert(0, Without())
 from drl_av.cli import main
 sys.exit(main(sys.argv[1:]))
 """
@@ -24,7 +26,7 @@ level_1_share = 1.0
 
 
 def without_torch(*words: str) -> subprocess.CompletedProcess[str]:
-    return python("-c", WITHOUT_TORCH, *words)
+    return python("-c", WITHOUT, "torch", *words)
 
 
 def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None:
@@ -41,10 +43,17 @@ def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None
     assert film.stat().st_size > 0
 
 
-def test_learning_is_what_needs_torch(tmp_path: Path) -> None:
-    done = without_torch("train", "--out", str(tmp_path / "run"), "--episodes", "1")
+@pytest.mark.parametrize(
+    ("hidden", "preset", "what"),
+    [("torch", "fast", "needs PyTorch"), ("sb3_contrib", "large", "at scale needs sb3-contrib")],
+)
+def test_learning_is_what_needs_torch_and_at_scale_sb3_contrib(
+    hidden: str, preset: str, what: str, tmp_path: Path
+) -> None:
+    words = ["train", "--out", str(tmp_path / "run"), "--preset", preset]
+    done = python("-c", WITHOUT, hidden, *words)
     assert done.returncode == 1
     assert " ".join(done.stderr.split()) == (
-        "drl-av: Training needs PyTorch, which is not installed: pip install 'drl-av[train]'."
+        f"drl-av: Training {what}, which is not installed: pip install 'drl-av[train]'."
     )
     assert not (tmp_path / "run").exists()

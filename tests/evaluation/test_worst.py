@@ -58,6 +58,7 @@ def test_a_wrong_wish_is_one_sentence(
         (["rows.csv", "--worst", "min_ttc"], "(did you mean 'min_ttc_s'?): name one of"),
         (["rows.csv", "--worst", "driver"], "no numbers in a column 'driver'"),
         (["rows.csv"], "a table takes --worst"),
+        (["none.csv", "--worst", "min_ttc_s"], "There is no table none.csv"),
         (["idm", "--worst", "min_ttc_s"], "--worst takes a table"),
         (["idm", "--sheet", "x.png"], "--sheet draws ten episodes of --worst"),
         (["rows.csv", "--worst", "min_ttc_s", "--seed", "3"], "--seed cannot be changed"),

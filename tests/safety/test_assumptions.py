@@ -21,10 +21,9 @@ from drl_av.road.vehicle_types import AS_WRITTEN
 from drl_av.safety import named_check
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN
 from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
-from verification.batch_check import BatchStrict
+from verification.adversary import BatchStrict, Mover
 from verification.falsification import genes, orders, play
 from verification.families import FAMILIES, PLACED
-from verification.kinematic_simulator import Mover
 
 STRICT = Config().updated("safety", check="strict")
 PAPER = Config()

@@ -45,7 +45,7 @@ from drl_av.safety.stopping import reach
 from drl_av.safety.strict import Strict, covered, fallback_lanes, seconds_to_line
 from studies.options import FOLDER, Options
 from studies.study import FileStudy
-from verification.kinematic_simulator import NONE, ROAD, Mover, Orders, World
+from verification.adversary import NONE, ROAD, Mover, Orders, World
 
 CONFIG = Config().updated("safety", check="strict")
 STRICT = Strict(CONFIG.strict, CONFIG.ego, CONFIG.simulation)

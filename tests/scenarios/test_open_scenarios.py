@@ -271,9 +271,12 @@ def test_settings_with_which_the_ego_cannot_reach_the_exit_are_refused() -> None
 
 @dataclass(frozen=True)
 class TwoLaneDescription(OpenDescription):
-    """A kind from outside the package: the straight road with a shoulder of its own length."""
+    """A kind from outside the package: the straight road with a shoulder of its own length.
 
-    shoulder_m: float = setting(400.0, "this test", "length of the shoulder", low=100, high=900)
+    shoulder_m: length of the shoulder (this test)
+    """
+
+    shoulder_m: float = setting(400.0, low=100, high=900)
 
     def plan(self) -> OpenPlan:
         plan = StraightDescription(lanes=self.lanes, flow_per_h=self.flow_per_h).plan()

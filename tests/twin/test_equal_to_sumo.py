@@ -22,6 +22,8 @@ from drl_av.env.vector import TwinVectorEnv
         ("calm", "circular_three_lane", "permit_all", 30, 1001, 200),
         ("calm", "barricaded_right_lane", "paper", 14, 1002, 100),
         ("naturalistic", "circular_three_lane", "paper", 20, 930_000, 200),
+        ("paper", "circular_three_lane", "paper", 20, 930_002, 200),
+        ("hazards", "circular_three_lane", "paper", 20, 930_006, 200),
     ],
 )
 def test_an_episode_is_the_same_as_in_sumo(

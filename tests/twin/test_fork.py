@@ -13,6 +13,7 @@ from drl_av.drivers.registry import load_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
+from drl_av.twin.worlds import BRAKING, DRIVER_STATE
 
 TWIN = Config().updated("simulation", world="twin")
 
@@ -58,6 +59,24 @@ def test_the_copies_of_a_world_go_on_as_it_does_if_they_may_know_its_future(
         assert there[4]["seed"].tolist() == [info["seed"]] * 2
 
 
+@pytest.mark.parametrize("traffic", ["paper", "hazards"])
+def test_the_copies_of_our_own_drivers_remember_what_the_originals_do(traffic: str) -> None:
+    with closing(HighwayEnv(config=TWIN.with_traffic(traffic), safety_check="strict")) as twin:
+        twin.reset(seed=1_000_008, options={"vehicles": 20})
+        states, braking = twin.traffic_drivers.memory
+        while not (braking if traffic == "hazards" else states).any():
+            twin.step(0)
+        copies = twin.fork(1, include_rng=True)
+        assert copies.worlds.z[0, DRIVER_STATE, :21].tolist() == states.tolist()
+        assert copies.worlds.z[0, BRAKING, :21].tolist() == braking.tolist()
+        for decision in range(60):
+            here, there = twin.scene.snapshot.arrays, copies.scene(0).snapshot.arrays
+            for one, other in zip(here, there, strict=True):
+                assert np.array_equal(one, other), decision
+            twin.step(0)
+            copies.step(np.zeros(1, np.int64))
+
+
 def test_without_its_future_the_copies_draw_other_lane_changes_by_their_seeds(
     twin: HighwayEnv,
 ) -> None:
@@ -85,9 +104,9 @@ def test_a_copy_draws_as_many_lane_changes_as_sumo() -> None:
             env.step(0)
         changes = env.fork(200).episodes
     chance = TWIN.traffic.random_lane_changes_per_s
-    mean = changes.next_change[:, 1].mean()
+    mean = changes.next_event[:, 1].mean()
     assert mean == pytest.approx(chance * 30 * 180, rel=0.05)
-    first = changes.changes[0, : changes.next_change[0, 1]]
+    first = changes.events[0, : changes.next_event[0, 1]]
     assert (np.diff(first[:, 0]) >= 0).all()
     assert first[:, 0].min() >= 20
     assert first[:, 0].max() < 200

@@ -80,5 +80,5 @@ def test_vehicles_of_sumo_are_limited_and_ours_get_their_wish(loop: Loop) -> Non
     request_speeds(world, loop)
     # gap 12.5 m, u = 20: 12.5 + 400 / 8 - 5 = v^2 / 8 + v / 4
     assert world.x[REQUESTED_M_S, 1] == pytest.approx(math.sqrt(1 + 8 * 57.5) - 1)
-    assert world.x[REQUESTED_M_S, 2] == LEFT_TO_SUMO  # no step has been made: SUMO may be braking
+    assert world.x[REQUESTED_M_S, 2] == LEFT_TO_SUMO  # SUMO's models brake
     assert world.x[REQUESTED_M_S, 3] == LEFT_TO_SUMO  # the one ahead is so fast

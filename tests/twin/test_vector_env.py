@@ -9,8 +9,10 @@ from gymnasium.vector import AutoresetMode
 
 import drl_av  # noqa: F401
 from drl_av.config import Config
+from drl_av.config.traffic import SINGLE_PRESETS
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
+from drl_av.random_streams import kind_of_traffic
 
 
 def first_permitted(info: dict[str, Any]) -> np.ndarray[Any, Any]:
@@ -99,7 +101,6 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
     [
         ({"scenario": "merge"}, "open roads"),
         ({"scenario": "barricade"}, "places exactly"),
-        ({"config": Config().with_traffic("paper")}, "finite-state"),
         ({"config": Config().updated("simulation", step_length_s=0.25)}, "step_length_s"),
         ({"safety_check": lambda scene, proposed: None}, "named checks"),
     ],
@@ -115,3 +116,14 @@ def test_wrong_actions_are_refused(actions: Any) -> None:
     env.reset(seed=1)
     with pytest.raises(ConfigError, match="2 whole numbers from 0 to 11"):
         env.step(np.array(actions))
+
+
+def test_each_episode_draws_one_of_the_kinds_of_traffic_and_is_as_in_that_kind_alone() -> None:
+    mixed = Config().with_traffic("all")
+    env, seeds = TwinVectorEnv(8, config=mixed), range(2_000_000, 2_000_008)
+    together = driven(env, list(seeds))
+    kinds = [kind_of_traffic(seed, len(SINGLE_PRESETS)) for seed in seeds]
+    assert len(set(kinds)) >= 4
+    for world, (seed, kind) in enumerate(zip(seeds, kinds, strict=True)):
+        alone = TwinVectorEnv(1, config=Config().with_traffic(SINGLE_PRESETS[kind]))
+        assert np.array_equal(driven(alone, [seed])[:, 0], together[:, world]), SINGLE_PRESETS[kind]

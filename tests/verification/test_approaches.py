@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from verification import approaches
+from verification.adversary import Mover, Orders
 from verification.approaches import Case, compare, start
 from verification.families import placed
-from verification.kinematic_simulator import Mover, Orders
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from verification.batch_check import BatchStrict
+from verification.adversary import LENGTH_M, BatchStrict, World
 from verification.completeness import Refusals, measured, refusals, safe, visited
 from verification.families import FAMILIES, placed
-from verification.kinematic_simulator import LENGTH_M, World
 
 STRICT = Config().updated("safety", check="strict")
 MAINTAIN, ACCELERATE, MAINTAIN_LEFT = 0, 1, 8

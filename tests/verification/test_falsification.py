@@ -10,11 +10,10 @@ from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.safety import named_check
-from verification.batch_check import BatchStrict, one_by_one
+from verification.adversary import NONE, BatchStrict, Mover, one_by_one
 from verification.falsification import genes, orders, play, scripted, search
 from verification.falsify import SEARCHED
 from verification.families import FAMILIES, PLACED
-from verification.kinematic_simulator import NONE, Mover
 
 STRICT = Config().updated("safety", check="strict")
 

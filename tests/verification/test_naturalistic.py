@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from drl_av.config import Config
 from drl_av.driving.car_following import idm_acceleration
 from verification import crash_rate, crash_tests
+from verification.adversary import LENGTH_M, World
 from verification.crash_rate import exact_share, rate, report
 from verification.crash_tests import run, settings
 from verification.families import needed_gap, placed
-from verification.kinematic_simulator import LENGTH_M, World
 from verification.naturalistic import (
     ADVERSARY,
     HARD_BRAKES_PER_S,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from verification import own_hits
+from verification.adversary import World
 from verification.crash_tests import SECONDS, settings
-from verification.kinematic_simulator import World
 from verification.naturalistic import PEOPLE, Traffic, starts
 from verification.own_hits import SHARE, Approaching, Keeping, hits, tries
 

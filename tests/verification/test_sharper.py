@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from verification.batch_check import BatchStrict
+from verification.adversary import BatchStrict, World
 from verification.crash_tests import SECONDS, Outcome
 from verification.families import placed
-from verification.kinematic_simulator import World
 from verification.sharper import Optimist, nothing, row
 
 CONFIG = Config().updated("safety", check="strict")

@@ -14,6 +14,7 @@ from drl_av.config import Config, FiniteStateConfig
 from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane, slot_of
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import CENTERED_M, FloatArray
+from drl_av.simulation.population import DriverModel
 
 
 class State(IntEnum):
@@ -130,11 +131,12 @@ class HardBraking:
     """Draws at each decision which vehicles begin to brake hard.
 
     They brake for ``traffic.hard_brake_s`` decisions, and nothing begins anew before the end.
-    ``rows``, shape (R,), holds the rows of the vehicles that can.
+    ``driver_models`` holds the ``DriverModel`` of each row; it may hold none that brakes hard.
     """
 
-    def __init__(self, seed: int, rows: IntArray, config: Config) -> None:
-        self._rng, self._rows = generator(seed, Stream.HARD_BRAKING), rows
+    def __init__(self, seed: int, driver_models: IntArray, config: Config) -> None:
+        self._rng = generator(seed, Stream.HARD_BRAKING)
+        self._rows = np.flatnonzero(driver_models == DriverModel.HARD_BRAKING)
         traffic = config.traffic
         self._chance = traffic.hard_brakes_per_s * config.simulation.decision_interval_s
         self._duration = traffic.hard_brake_s
@@ -147,5 +149,5 @@ class HardBraking:
 
     def __call__(self, left: IntArray) -> None:
         """Let the vehicles of the next decision begin; ``left`` has each row's decisions left."""
-        for _, row in self.begun(1).tolist():
+        for _, row in self.begun(1).tolist() if len(self._rows) else ():
             left[row] = left[row] or self._duration

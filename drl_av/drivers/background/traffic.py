@@ -60,13 +60,13 @@ def traffic_numbers(config: Config, road: Road, vehicle_types: VehicleTypes) -> 
     Raises:
         CheckpointError: the level-1 driver cannot be read.
     """
-    timing = config.simulation
+    timing, shares = config.simulation, [k.traffic.level_1_share for k in config.per_traffic_preset]
     return TrafficNumbers(
         road=road_numbers(road),
         range_m=float(config.observation.range_m),
         machine=numbers(FiniteStateNumbers, config.finite_state),
         table=numbers(Level0Numbers, config.level_0),
-        network=load_level_1(road) if config.traffic.level_1_share else NO_LEVEL_1,
+        network=load_level_1(road) if any(shares) else NO_LEVEL_1,
         ego=ego_numbers(config.ego, timing),
         braking_m_s2=float(vehicle_types.traffic.braking_m_s2),
         times_s=(float(timing.decision_interval_s), float(timing.step_length_s)),
@@ -96,19 +96,18 @@ class TrafficDrivers:
         n = len(driver_models)
         self._rows = in_order(driver_models)
         self._of_each = driver_models.astype(np.int64), np.ascontiguousarray(desired_m_s, float)
-        self._memory = np.full(n, State.CRUISE, np.int64), np.zeros(n, np.int64)
+        self.memory = np.full(n, State.CRUISE, np.int64), np.zeros(n, np.int64)
+        """The state of each finite-state machine, and for how many decisions it still brakes."""
         self._found = np.zeros(n), np.zeros(n, np.int64)
-        braking = np.flatnonzero(driver_models == DriverModel.HARD_BRAKING)
-        self._hard_braking = HardBraking(seed, braking, self._config) if len(braking) else None
+        self._hard_braking = HardBraking(seed, driver_models, self._config)
 
     def __call__(self, snapshot: Snapshot) -> TrafficCommands:
         """Return the commands of all vehicles that SUMO does not drive, until the next decision."""
         rows = self._rows
         if not len(rows):
             return NO_COMMANDS
-        if self._hard_braking is not None:
-            self._hard_braking(self._memory[1])
-        of_vehicles = *self._of_each, *self._memory, *self._found
+        self._hard_braking(self.memory[1])
+        of_vehicles = *self._of_each, *self.memory, *self._found
         decide.fast(*snapshot.arrays, self._numbers, rows, *of_vehicles)
         acceleration_m_s2, side = self._found
         return TrafficCommands(rows, acceleration_m_s2[rows], side[rows])

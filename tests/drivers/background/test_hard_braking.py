@@ -15,13 +15,14 @@ from drl_av.simulation.population import DriverModel
 
 VEHICLE_TYPES = load_scenario(find_scenario("circular_three_lane")).vehicle_types
 
-ROWS = np.array([2, 5])
+ROWS = [2, 5]
+MODELS = np.array([0, 1, 4, 0, 2, 4])
 
 
 def braking(chance: float, decisions: int, seed: int = 0) -> np.ndarray[Any, Any]:
     """Which of the two vehicles brake hard, shape (decisions, 2); the others never do."""
     config = Config().updated("traffic", hard_brakes_per_s=chance, hard_brake_s=3)
-    draw, left, found = HardBraking(seed, ROWS, config), np.zeros(6, np.int64), []
+    draw, left, found = HardBraking(seed, MODELS, config), np.zeros(6, np.int64), []
     for _ in range(decisions):
         draw(left)
         found.append(left[ROWS] > 0)
@@ -57,8 +58,8 @@ def test_the_seed_determines_when() -> None:
 
 def test_drawn_at_once_they_are_those_of_the_decisions_one_by_one() -> None:
     config = Config().updated("traffic", hard_brakes_per_s=0.3)
-    at_once = HardBraking(7, ROWS, config).begun(40).tolist()
-    one_by_one = HardBraking(7, ROWS, config)
+    at_once = HardBraking(7, MODELS, config).begun(40).tolist()
+    one_by_one = HardBraking(7, MODELS, config)
     found = [[n, row] for n in range(40) for _, row in one_by_one.begun(1).tolist()]
     assert at_once == found != []
 
@@ -71,7 +72,7 @@ def test_one_that_brakes_hard_keeps_its_lane() -> None:
         config = Config().updated("traffic", hard_braking_share=1.0, hard_brakes_per_s=per_s)
         drivers = TrafficDrivers(config, ROAD, VEHICLE_TYPES)
         drivers.start(models, np.array([30.0, 30.0]), 0)
-        ((row, acceleration, side),) = zip(*drivers(shot), strict=True)
+        (row,), (acceleration,), (side,) = drivers(shot)
         assert (row, side) == command
         assert (acceleration == -4.0) is (side == 0)
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import z3
 
-import verification.kinematic_simulator as simulator
+import verification.adversary as simulator
 from drl_av.config import Config
 from drl_av.driving.scene import Scene
 from drl_av.road.snapshot import CollisionKind
@@ -22,10 +22,18 @@ from drl_av.safety import strict
 from drl_av.safety.check import Verdicts
 from drl_av.safety.stopping import stopping_distance
 from drl_av.safety.strict import Strict
+from verification.adversary import (
+    LENGTH_M,
+    NONE,
+    BatchStrict,
+    IntArray,
+    Mover,
+    Orders,
+    World,
+    one_by_one,
+)
 from verification.approaches import APART_M
-from verification.batch_check import BatchStrict, one_by_one
 from verification.in_sumo import SumoWorld
-from verification.kinematic_simulator import LENGTH_M, NONE, IntArray, Mover, Orders, World
 from verification.proofs import followers, following, lane_changes
 from verification.proofs.argument import Argument, argument
 from verification.proofs.lateral import Span, lanes_under

@@ -1,28 +1,33 @@
-"""Simulates many scenes at once without SUMO: an ego under a check, and other vehicles.
+"""Simulates many scenes at once without SUMO: an ego under a check, and an adversary's vehicles.
 
-An adversary commands the other vehicles, within the bounds of ``safety/strict.py``. They may drive
-beyond the end of a lane; the ego may not. Arrays have shape (scenes,) for the ego and (scenes,
-others) for the other vehicles.
+The ego decides and moves by the compiled functions of the package: indicators, the check
+``strict``, the plan of a decision, and the collision within a step. An adversary commands the other
+vehicles, within the bounds of ``safety/strict.py``. They may drive beyond the end of a lane; the
+ego may not. Arrays have shape (scenes,) for the ego and (scenes, others) for the other vehicles.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS, ego_numbers
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import ARRIVED_M, FloatArray, Road
+from drl_av.road.road_numbers import road_numbers
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
-from drl_av.safety.reachability import STILL_M_S, lanes_under, lateral_extent
+from drl_av.road.sweep import KINDS, swept_collision
+from drl_av.safety.check import SafetyCheck
+from drl_av.safety.reachability import STILL_M_S, StrictNumbers, lanes_under, lateral_extent
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
+from verification.ego_in_scenes import judge, plan_all
 from verification.integration import Integration
-from verification.lateral_plants import PLANTS, Aside, Lanes
-from verification.separation import barrier_separation, first_collision, swept_separation
+from verification.separation import barrier_separation, swept_separation
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -33,8 +38,6 @@ NONE = -9
 FASTEST_M_S = 40.0
 TOUCHING_M = 1e-9
 """Largest overlap of two bodies that counts as a rounding error, not as a collision."""
-SIGN = np.array([0, -1, 1])
-"""Direction of a lateral action, by its number: keep 0, right -1, left +1."""
 
 
 @dataclass
@@ -68,6 +71,13 @@ class World:
         Separation is the larger of the gaps along and across the road, negative if bodies overlap.
         The shape is (scenes, others + barriers).
         """
+
+    def numbers(self) -> tuple[Any, ...]:
+        """Return the state of all scenes, the ego's lanes and the road, for compiled functions."""
+        state = self.x_m, self.y_m, self.speed_m_s, self.lateral_m_s
+        sizes = np.full(self.x_m.shape[1], LENGTH_M), np.full(self.x_m.shape[1], WIDTH_M)
+        lanes = np.column_stack([self.origin, self.target]).astype(np.int64)
+        return *map(np.ascontiguousarray, state), *sizes, lanes, road_numbers(self.road)
 
     def scene(self, row: int) -> Scene:
         """Return the present state of the scene with index ``row``, as a safety check takes it."""
@@ -109,7 +119,7 @@ class Mover:
 
     def __init__(self, config: Config, integration: Integration = Integration.EULER) -> None:
         self._config, self._integration = config, integration
-        self._plant = PLANTS[config.ego.lateral_plant]
+        self._ego = ego_numbers(config.ego, config.simulation)
         self.step_s = config.simulation.step_length_s
 
     def decision(self, world: World, executed: IntArray, orders: Orders) -> None:
@@ -128,30 +138,27 @@ class Mover:
 
         Both arrays have shape (scenes, 1 + others), the ego first.
         """
-        lateral, longitudinal = executed // 4, executed % 4
-        self._steer(world, SIGN[lateral])
-        ego = self._config.ego
+        steps, ego = self._config.simulation.steps_per_decision, self._config.ego
         rates = np.array([0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2])
-        for _ in range(self._config.simulation.steps_per_decision):
-            self._step(world, rates[longitudinal], orders, _going(world))
+        plans = np.empty((len(executed), 3, steps))
+        lanes, heading_rad = np.empty((len(executed), 2), np.int64), world.heading_rad.copy()
+        given = world.numbers(), self._ego, np.asarray(executed, np.int64)
+        plan_all(*given[0], *given[1:], plans, lanes, heading_rad)
+        for step in range(steps):
+            self._step(world, rates[executed % 4], orders, _going(world), plans[:, :, step])
             yield world.speed_m_s, world.y_m
-        arrived = (world.target == NONE) & _going(world)
+        changes, going = lanes[:, 0] != lanes[:, 1], _going(world)
+        world.origin, world.target = np.where(changes[:, None], lanes, NONE).T.copy()
+        world.heading_rad = heading_rad
+        arrived = (world.target == NONE) & going
         world.lateral_m_s[:, 0] = np.where(arrived, 0.0, world.lateral_m_s[:, 0])
 
-    def _steer(self, world: World, sign: IntArray) -> None:
-        """Start, turn or continue lane changes like ``maneuver.next_lane_change``; left is +1."""
-        lane = np.floor(world.y_m[:, 0] / ROAD.lane_width_m + 0.5).astype(np.int64)
-        still = world.target == NONE
-        starts, turns = still & (sign != 0), ~still & (sign == world.origin - world.target)
-        turns &= sign != 0
-        origin, target = world.origin.copy(), world.target.copy()
-        world.origin = np.where(starts, lane, np.where(turns, target, origin))
-        world.target = np.where(starts, lane + sign, np.where(turns, origin, target))
-
-    def _step(self, world: World, rate: FloatArray, orders: Orders, going: BoolArray) -> None:
+    def _step(
+        self, world: World, rate: FloatArray, orders: Orders, going: BoolArray, plan: FloatArray
+    ) -> None:
+        """Advance by one SUMO step; ``plan``, (scenes, 3), is the ego's state after it."""
         speed, bounds = world.speed_m_s.copy(), self._config.strict
-        most = self._config.ego.max_speed_m_s
-        speed[:, 0] = np.clip(speed[:, 0] + rate * self.step_s, 0.0, most)
+        speed[:, 0] = plan[:, 0]
         rates = -bounds.braking_m_s2, bounds.acceleration_m_s2
         wanted = self._staying_behind(world, np.clip(orders.acceleration_m_s2, *rates))
         speed[:, 1:] = np.clip(speed[:, 1:] + wanted * self.step_s, 0.0, FASTEST_M_S)
@@ -159,7 +166,8 @@ class Mover:
         x_m, y_m = world.x_m, world.y_m
         world.x_m = np.where(going[:, None], world.x_m + moved * self.step_s, world.x_m)
         world.speed_m_s = np.where(going[:, None], speed, world.speed_m_s)
-        self._sideways(world, self._permitted_side(world, orders.side, rate, x_m), going)
+        side = self._permitted_side(world, orders.side, rate, x_m)
+        self._sideways(world, side, going, plan)
         self._collide(world, x_m, y_m, going)
 
     def _collide(
@@ -180,8 +188,10 @@ class Mover:
             world.collisions[row] = Collision(CollisionKind.HIT_EDGE, None)
         touches = (least_m < -TOUCHING_M).any(axis=1)
         for row in np.flatnonzero(going & touches & ~leaves).tolist():
-            starts, ends = (from_x_m[row], from_y_m[row]), (world.x_m[row], world.y_m[row])
-            world.collisions[row] = first_collision(starts, ends, *sizes_m)
+            ways = from_x_m[row], from_y_m[row], world.x_m[row], world.y_m[row]
+            bodies = (np.full(len(ways[0]), size_m) for size_m in sizes_m)
+            other, kind, _ = swept_collision(*ways, *bodies, ROAD.lap_m)
+            world.collisions[row] = Collision(KINDS[kind], f"vehicle{other}")
 
     def _permitted_side(
         self, world: World, side: FloatArray, rate: FloatArray, from_x_m: FloatArray
@@ -271,11 +281,7 @@ class Mover:
         world.lane_s = np.where(over, world.lane_s + self.step_s, 0.0)
         return result
 
-    def _sideways(self, world: World, side: FloatArray, going: BoolArray) -> None:
-        ego = Aside(world.y_m[:, 0], world.lateral_m_s[:, 0], world.heading_rad)
-        target_m = world.target.astype(np.float64) * ROAD.lane_width_m
-        lanes = Lanes((world.target != NONE) & going, target_m, ROAD.lane_width_m)
-        ego, arrives = self._plant(ego, lanes, world.speed_m_s[:, 0], self._config.ego, self.step_s)
+    def _sideways(self, world: World, side: FloatArray, going: BoolArray, plan: FloatArray) -> None:
         reach_m = self._config.strict.lateral_speed_m_s * self.step_s
         ends = ROAD.lane_width_m * (len(ROAD.open_lanes) - 1)
         to_m = np.clip(world.y_m[:, 1:] + side * reach_m, 0.0, ends)
@@ -283,11 +289,10 @@ class Mover:
         to_m = np.where(side > 0, np.minimum(to_m, center_m), to_m)
         to_m = np.where(side < 0, np.maximum(to_m, center_m), to_m)
         to_m = np.where(going[:, None], to_m, world.y_m[:, 1:])
-        lateral_m_s = np.column_stack([ego.lateral_m_s, (to_m - world.y_m[:, 1:]) / self.step_s])
+        lateral_m_s = np.column_stack([plan[:, 2], (to_m - world.y_m[:, 1:]) / self.step_s])
         world.lateral_m_s = np.where(going[:, None], lateral_m_s, world.lateral_m_s)
-        world.y_m, world.heading_rad = np.column_stack([ego.y_m, to_m]), ego.heading_rad
-        world.origin = np.where(arrives, NONE, world.origin)
-        world.target = np.where(arrives, NONE, world.target)
+        ego_y_m = np.where(going, plan[:, 1], world.y_m[:, 0])
+        world.y_m = np.column_stack([ego_y_m, to_m])
 
 
 @compiled
@@ -315,3 +320,39 @@ def _going(world: World) -> BoolArray:
     going = np.ones(len(world.x_m), dtype=np.bool_)
     going[list(world.collisions)] = False
     return going
+
+
+def one_by_one(check: SafetyCheck) -> BatchCheck:
+    """Return a BatchCheck that calls a safety check for each scene separately."""
+
+    def checked(world: World, proposal: IntArray) -> IntArray:
+        verdicts = (check(world.scene(row), ACTIONS[n]) for row, n in enumerate(proposal.tolist()))
+        return np.array([verdict.action.number for verdict in verdicts])
+
+    return checked
+
+
+class BatchStrict:
+    """The check ``strict`` as a BatchCheck: a function of a World of many scenes."""
+
+    def __init__(self, config: Config) -> None:
+        self._strict = numbers(StrictNumbers, config.strict)
+        self._ego = ego_numbers(config.ego, config.simulation)
+
+    def __call__(self, world: World, proposal: IntArray) -> IntArray:
+        """Return the executed action for each proposed action; both are 0 to 11, (scenes,)."""
+        executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
+        judge(*self._arguments(world), np.asarray(proposal, np.int64), executed, free)
+        return executed
+
+    def free(self, world: World) -> BoolArray:
+        """Return whether the invariant of ``strict`` holds in each scene, shape (scenes,).
+
+        The invariant is that the fallback maneuver is free of collisions.
+        """
+        executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
+        judge(*self._arguments(world), np.zeros(len(free), np.int64), executed, free)
+        return free
+
+    def _arguments(self, world: World) -> tuple[Any, ...]:
+        return *world.numbers(), self._strict, self._ego

@@ -5,9 +5,8 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.road.snapshot import Collision, CollisionKind
-from verification.batch_check import BatchStrict
+from verification.adversary import BatchStrict, Mover, Orders, World
 from verification.families import placed
-from verification.kinematic_simulator import Mover, Orders, World
 
 STRICT = Config().updated("safety", check="strict")
 SCENES, DECISIONS = 3000, 8
@@ -65,6 +64,15 @@ def test_the_ego_hits_a_vehicle_that_it_passes_within_a_step_only_in_its_own_lan
     Mover(STRICT).decision(world, NOTHING.proposal, NOTHING)
     assert world.least_m[0, 0] == pytest.approx(least_m)
     assert world.collisions == collisions
+
+
+def test_of_two_vehicles_in_its_way_the_ego_hits_the_one_that_it_reaches_first() -> None:
+    # gaps of 7 and 4 m, both closed within a step of 15 m
+    both_m, lanes = np.array([[12.0, 9.0]]), np.array([[1, 1]])
+    world = placed(LANE, np.array([30.0]), both_m, lanes, np.zeros((1, 2)))
+    still = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 2)), np.zeros((1, 2)))
+    Mover(STRICT).decision(world, still.proposal, still)
+    assert world.collisions == {0: Collision(CollisionKind.HIT_AHEAD, "vehicle2")}
 
 
 def test_the_ego_that_leaves_the_road_hits_its_edge() -> None:

@@ -1,0 +1,77 @@
+"""What is asked of the vehicles at a decision: by our own drivers, and by random events."""
+
+import numpy as np
+
+from drl_av.compiled import compiled
+from drl_av.drivers.background.traffic import TrafficNumbers, decide
+from drl_av.road.road import CENTERED_M
+from drl_av.twin.worlds import (
+    ASIDE_M,
+    BRAKING,
+    COUNT,
+    DESIRED_M_S,
+    DRIVER_COUNT,
+    DRIVER_STATE,
+    DRIVERS,
+    LANE,
+    MODEL,
+    ON_REQUEST_ONLY,
+    REQUEST_END,
+    REQUEST_LANE,
+    SIDE,
+    STEP,
+    WISH_M_S2,
+    FloatArray,
+    World,
+)
+
+REQUEST_STEPS = 10
+"""Steps for which SUMO tries to execute a random lane change."""
+
+
+@compiled
+def drive_traffic(world: World, scene: FloatArray, traffic: TrafficNumbers, steps: int) -> None:
+    """Let our own drivers decide on a scene, shape (6, vehicles), for ``steps`` steps."""
+    n, drivers = world.near[COUNT], world.z[DRIVERS][: world.near[DRIVER_COUNT]]
+    x, z = world.x, world.z
+    decide(
+        scene[0][:n],
+        scene[1][:n],
+        scene[2][:n],
+        scene[3][:n],
+        scene[4][:n],
+        scene[5][:n],
+        traffic,
+        drivers,
+        z[MODEL][:n],
+        x[DESIRED_M_S][:n],
+        z[DRIVER_STATE][:n],
+        z[BRAKING][:n],
+        x[WISH_M_S2][:n],
+        z[SIDE][:n],
+    )
+    for i in drivers:
+        if z[SIDE, i] != 0:
+            request_change(world, i, z[SIDE, i], steps)
+
+
+@compiled
+def happen(world: World, i: int, event: int) -> None:
+    """Let an event of ``Drawn`` happen to a vehicle."""
+    if abs(event) == 1:
+        request_change(world, i, event, REQUEST_STEPS)
+    elif world.z[BRAKING, i] == 0:
+        world.z[BRAKING, i] = event - 1
+
+
+@compiled
+def request_change(world: World, i: int, side: int, steps: int) -> None:
+    """Request a lane change, +1 left or -1 right, for so many steps.
+
+    None is requested of one of our drivers that is not centred, as in SUMO.
+    """
+    lane = world.z[LANE, i] + side
+    is_free = not world.z[ON_REQUEST_ONLY, i] or np.abs(world.x[ASIDE_M, i]) <= CENTERED_M
+    if lane >= 0 and is_free:
+        world.z[REQUEST_LANE, i] = lane
+        world.z[REQUEST_END, i] = world.near[STEP] + steps
