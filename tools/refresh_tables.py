@@ -27,7 +27,14 @@ from studies.options import FOLDER, RESULTS
 from studies.registry import STUDIES
 from studies.results import ResultsFolder, markdown_table
 from studies.study import FileStudy
-from verification import crash_rate, ramps, shielding_report, stories, time_to_quality
+from verification import (
+    crash_rate,
+    imported_nets,
+    ramps,
+    shielding_report,
+    stories,
+    time_to_quality,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
@@ -101,6 +108,14 @@ TABLES: dict[str, Table] = {
     "actions": Table(actions),
     "studies": Table(study_table),
     "crash_rate": Table(lambda: crash_rate.table(read("crash_rate.txt"))),
+    "imported_nets": Table(
+        lambda: imported_nets.table(
+            {
+                "now": read("imported_nets.txt"),
+                "before it carried lines, limits and curves": read("imported_nets_before.txt"),
+            }
+        )
+    ),
     "own_hits": Table(lambda: printed("own_hits.txt")),
     "speed_bound": Table(lambda: printed("speed_bound.txt")),
     "clairvoyant": Table(lambda: printed("clairvoyant.txt")),

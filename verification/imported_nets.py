@@ -38,6 +38,7 @@ from drl_av.road.snapshot import EGO, EGO_ID, Snapshot
 from drl_av.road.sweep import displacements, rectangles_of
 from drl_av.simulation.simulation import Simulation
 from drl_av.sumo_programs import sumo_module
+from studies.results import markdown_table
 from verification.auditor import ARRAYS, in_both
 from verification.program import Program, run_program
 
@@ -48,6 +49,10 @@ ROUTES = 3
 CARS = "passenger"
 SEEDS = 830_000
 NEAR_M = 50.0
+PRINTED = re.compile(
+    r"^(\d+) networks, of which (\d+) .*\n(\d+) routes, .*: (\d+) are read \((\d+%)\)", re.MULTILINE
+)
+"""Matches the counts that this program prints."""
 Links = Mapping[str, Sequence[str]]
 """The fast edges to which each fast edge leads, by id."""
 
@@ -245,6 +250,15 @@ def summary(results: Sequence[Result]) -> Iterator[str]:
     every = Drive(*map(sum, zip(*(result.drove for result in results), strict=True)))
     if every.decisions:
         yield f"driven: {shown(every)}"
+
+
+def table(texts: Mapping[str, str]) -> str:
+    """Return the Markdown table of what this program printed, by what it tried."""
+    rows = []
+    for tried, text in texts.items():
+        [(nets, some, routes, read, share)] = PRINTED.findall(text)
+        rows.append([tried, f"{some} of {nets}", f"{read} of {routes}", share])
+    return markdown_table(["import", "networks with a route read", "routes read", "share"], rows)
 
 
 def main() -> int:

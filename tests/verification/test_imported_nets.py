@@ -17,6 +17,7 @@ from verification.imported_nets import (
     reason,
     routes_of,
     summary,
+    table,
 )
 
 #      a 5 -> b 3 -> d 4      the longest of the shortest ways is a, b, d with 12 m:
@@ -64,6 +65,12 @@ def test_refusals_are_counted_without_names_and_numbers() -> None:
         "1 refused: the route has lane_width_m N, but must have N to N",
         "driven: 200 decisions, ego hits 1, was hit 2, unreported overlaps 3",
     ]
+
+
+def test_the_table_of_a_page_has_a_row_for_each_printed_text() -> None:
+    text = "x: read.\n51 networks, of which 43 have a route that is read\n"
+    text += "76 routes, 1752 km: 65 are read (86%), 497 km\n3 refused: the route\n"
+    assert table({"now": text}).splitlines()[2] == "| now | 43 of 51 | 65 of 76 | 86% |"
 
 
 def test_the_program_imports_and_drives_each_route(
