@@ -14,6 +14,7 @@ import pytest
 from programs import python
 from shown import ROOT, fenced, read, run, run_commands
 
+import drl_av
 from drl_av.cli import VERBS
 from drl_av.config import Config, from_toml
 from drl_av.config.reference import SECTIONS, settings
@@ -245,3 +246,10 @@ def test_the_architecture_page_says_where_things_are() -> None:
             assert re.search(rf"^ *(def|class) {name}\b|^{name}\b.* = ", code, re.MULTILINE), name
     for file in re.findall(r"in `([\w/]+\.py)`", page):
         assert (ROOT / "drl_av" / file).exists(), f"{file} is elsewhere now"
+
+
+def test_the_newest_release_of_the_changelog_is_the_version() -> None:
+    releases = re.findall(r"^## (\S+), ", read("CHANGELOG.md"), re.MULTILINE)
+    assert releases[0] == drl_av.__version__
+    assert releases == sorted(releases, reverse=True)
+    assert f"version: {drl_av.__version__}\n" in read("CITATION.cff")

@@ -290,4 +290,5 @@ def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two
         if one_m <= 0:
             return False
         return two_m >= 0 or one_m > two_m
-    return not one_can
+    both_sides = one_side == -1 and two_side == 1  # of which it prefers the left one
+    return not one_can or (two_can and both_sides)

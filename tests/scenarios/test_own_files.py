@@ -119,16 +119,19 @@ def test_a_file_that_only_sumo_loads_is_named(here: Path) -> None:
 def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
     own_file(LOOP.format("passed.xml"))
     options = "--additional-files=mine.add.xml --device.ssm.probability 1 --device.ssm.file ssm.xml"
+    options += " --fcd-output fcd.xml"
     env = gymnasium.make("drl_av/Highway-v0", config=SHORT, sumo_options=options)
     for seed in (4, 5):
         env.reset(seed=seed, options={"vehicles": 20})
-        for _ in range(10):
+        over, decisions = False, 0
+        while not over:
             *_, terminated, truncated, _ = env.step(0)
-            if terminated or truncated:
-                break
+            over, decisions = terminated or truncated, decisions + 1
     env.close()
     passed = [int(each.get("nVehContrib", "")) for each in ET.parse("passed.xml").iter("interval")]
     assert sum(passed) > 0
+    times_s = [float(each.get("time", "")) for each in ET.parse("fcd.xml").iter("timestep")]
+    assert times_s == [0.5 * step for step in range(2 * decisions)]  # of the last episode alone
     egos = {each.get("ego") for each in ET.parse("ssm.xml").iter("conflict")}
     assert "ego" in egos
 
