@@ -32,11 +32,13 @@ class Compiled(Generic[P, R]):
     inf or nan, as in numpy.
     """
 
-    def __init__(self, function: Callable[P, R], counts: bool = True) -> None:
+    def __init__(
+        self, function: Callable[P, R], counts: bool = True, is_inlined: bool = False
+    ) -> None:
         update_wrapper(self, function)
         self.python = function
         """The function as plain Python."""
-        self._counts = counts
+        self.options = {"_nrt": counts, "forceinline": is_inlined}
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         return self.dispatcher(*args, **kwargs)
@@ -45,8 +47,8 @@ class Compiled(Generic[P, R]):
     def dispatcher(self) -> Callable[P, R]:
         """The function as numba has compiled it; the plain function without compilation."""
         numba = _numba()
-        options = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": self._counts}
-        dispatcher: Any = numba.njit(**options)(self.python)
+        options = {"cache": True, "nogil": True, "error_model": "numpy"}
+        dispatcher: Any = numba.njit(**options, **self.options)(self.python)
         if dispatcher is not self.python:
             _depends_on(dispatcher, _sources(self, set()))
         result: Callable[P, R] = dispatcher
@@ -81,10 +83,25 @@ def compiled(function: Callable[P, R]) -> Compiled[P, R]:
 def borrowing(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function as ``compiled`` does, without counting references to arrays.
 
-    The function must neither make an array nor a view of one. Counting takes half of the time of a
-    short function with a tuple of arrays.
+    The function must not make an array, nor return a view of one. Counting takes half of the time
+    of a short function with a tuple of arrays.
     """
     return Compiled(function, counts=False)
+
+
+@cache
+def inlined(function: Callable[P, R]) -> Compiled[P, R]:
+    """Return the function as ``borrowing`` does, for a copy of its code in each compiled caller.
+
+    A call that passes a tuple of arrays takes as long as the arithmetic of a short function.
+    """
+    return Compiled(function, counts=False, is_inlined=True)
+
+
+@cache
+def _plain(function: Callable[P, R]) -> Compiled[P, R]:
+    """Return a function without a decorator as its compiled callers call it."""
+    return Compiled(function, is_inlined=True)
 
 
 def numbers(kind: type[N], *settings: Any, **further: Any) -> N:
@@ -124,7 +141,7 @@ def _numba() -> Any:
 
     @typeof_impl.register(FunctionType)
     def _(value: Any, context: Any) -> Any:
-        return types.Dispatcher(compiled(value).dispatcher) if _is_ours(value) else None
+        return types.Dispatcher(_plain(value).dispatcher) if _is_ours(value) else None
 
     class Notice(event.Listener):
         """Says in one line on stderr that a function of ours is compiled, once in a process."""
@@ -153,11 +170,13 @@ def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, A
         return []
     known.add(id(function))
     code, names = function.python.__code__, function.python.__globals__
-    found: list[tuple[str, Any]] = [(code.co_name, (code.co_code, code.co_consts))]
+    found: list[tuple[str, Any]] = [
+        (code.co_name, (code.co_code, code.co_consts, function.options)),
+    ]
     for name in code.co_names:
         value = names.get(name)
         if isinstance(value, FunctionType) and _is_ours(value):
-            value = compiled(value)
+            value = _plain(value)
         if isinstance(value, Compiled):
             found += _sources(value, known)
         elif isinstance(value, int | float | str | tuple):

@@ -53,6 +53,22 @@ def test_a_function_is_compiled_again_when_one_that_it_calls_has_changed(tmp_pat
     assert of_outer(tmp_path) == 30.0
 
 
+def test_a_function_is_compiled_again_when_the_decorator_of_one_that_it_calls_has_changed(
+    tmp_path: Path,
+) -> None:
+    written(tmp_path, 1.0)
+    of_outer(tmp_path)
+    [index] = tmp_path.rglob("outer.outer*.nbi")
+    before = index.read_bytes()
+    of_outer(tmp_path)
+    assert index.read_bytes() == before
+    inner = (tmp_path / "inner.py").read_text()
+    inner = inner.replace("@compiled", "@inlined").replace("import compiled", "import inlined")
+    (tmp_path / "inner.py").write_text(inner)
+    of_outer(tmp_path)
+    assert index.read_bytes() != before
+
+
 def test_a_damaged_cache_is_no_error(tmp_path: Path) -> None:
     written(tmp_path, 1.0)
     assert of_outer(tmp_path) == 20.0

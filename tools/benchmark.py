@@ -8,7 +8,8 @@
                  commands step by step, without observations and decisions
     traffic      the environment in traffic of our own drivers (paper, hazards) beside traffic that
                  SUMO drives (calm)
-    worlds       256 worlds of the twin with 30 vehicles each, on one thread, beside the environment
+    worlds       256 worlds of the twin with 30 vehicles each, on one thread, under each safety
+                 check, beside the environment
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 of the paper beside stable-baselines3's DQN on the same environment

@@ -125,19 +125,25 @@ def measurements(env: HighwayEnv, actions: dict[int, list[int]]) -> tuple[Rate, 
 
 
 def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Return the row of decisions per second of many worlds of the twin beside the environment."""
-    env = stack.enter_context(closing(HighwayEnv(config=crowded())))
-    actions = recorded_actions(env, IdmDriver(env.config.safety), seeds)
-    worlds = stack.enter_context(closing(TwinVectorEnv(WORLDS, config=crowded(), threads=1)))
+    """Return rows of decisions per second of many worlds of the twin beside the environment's."""
+    rows = []
+    for check in LEAST_RATIOS:
+        config = crowded().updated("safety", check=check)
+        env = stack.enter_context(closing(HighwayEnv(config=config)))
+        actions = recorded_actions(env, IdmDriver(config.safety), seeds)
+        worlds = stack.enter_context(closing(TwinVectorEnv(WORLDS, config=config, threads=1)))
+        rates = partial(drive_worlds, worlds, seeds[0]), partial(drive, env, actions)
+        rows.append(Row(f"{WORLDS} worlds of the twin, check {check} | environment", *rates))
+    return rows
 
-    def ours() -> float:
-        worlds.reset(seed=seeds[0], options={"vehicles": VEHICLES})
-        begun = time.perf_counter()
-        for _ in range(DECISIONS):
-            worlds.step(np.where(worlds.action_masks()[:, ACCELERATE], ACCELERATE, BRAKE))
-        return WORLDS * DECISIONS / (time.perf_counter() - begun)
 
-    return [Row(f"{WORLDS} worlds of the twin | environment", ours, partial(drive, env, actions))]
+def drive_worlds(worlds: TwinVectorEnv, seed: int) -> float:
+    """Drive all worlds from the start of an episode, and return their decisions per second."""
+    worlds.reset(seed=seed, options={"vehicles": VEHICLES})
+    begun = time.perf_counter()
+    for _ in range(DECISIONS):
+        worlds.step(np.where(worlds.action_masks()[:, ACCELERATE], ACCELERATE, BRAKE))
+    return WORLDS * DECISIONS / (time.perf_counter() - begun)
 
 
 def highway_env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:

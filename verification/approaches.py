@@ -1,4 +1,4 @@
-"""Drive random approaches in SUMO and in the kinematic simulator, and compare their collisions.
+"""Drive random approaches in SUMO and in the simulator, and compare their collisions.
 
     python -m verification.approaches         # 10,000 for each step length, plant and road
     python -m verification.approaches --scenes 100 --step-length 0.1 --plant steering

@@ -5,10 +5,10 @@
     python -m verification.falsify --check strict --sumo --scenes 50  # random scenes in SUMO
 
 The envelope is the share of starts that end in a collision with a scripted adversary, in the
-kinematic simulator. The program prints it by family of scenes, closing speed, integration method
-and step length; explicit Euler with 1 s is the plant of the paper. Under ``strict``, and with
-``--search``, the program instead searches for collisions with CMA-ES, which chooses the start, the
-motion of all other vehicles and the proposed actions of the ego. The search and ``--sumo`` have
+simulator of ``adversary.py``. The program prints it by family of scenes, closing speed, integration
+method and step length; explicit Euler with 1 s is the plant of the paper. Under ``strict``, and
+with ``--search``, the program instead searches for collisions with CMA-ES, which chooses the start,
+the motion of all other vehicles and the proposed actions of the ego. The search and ``--sumo`` have
 three more families of scenes, on roads whose lanes begin and end. The exit status is 1 if the ego
 hit something under ``strict``.
 """
@@ -103,7 +103,7 @@ def summed(name: str, tallies: list[Tally]) -> dict[str, Any]:
 
 
 def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
-    """Drive scenes with a random adversary in SUMO and in the kinematic simulator.
+    """Drive scenes with a random adversary in SUMO and in the simulator.
 
     Returns one row for each family, with the collisions and the deviation between the simulators.
     """

@@ -1,4 +1,4 @@
-"""Drives a scene of the falsifier in SUMO with the speeds of the kinematic simulator."""
+"""Drives a scene of the falsifier in SUMO with the speeds of the simulator of ``adversary.py``."""
 
 import tempfile
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ HALF_M = LENGTH_M / 2
 
 
 class SumoWorld:
-    """Drives scenes in SUMO and in the kinematic simulator at the same time, and compares them.
+    """Drives scenes in SUMO and in this simulator at the same time, and compares them.
 
     ``road`` is a key of ``ROADS``.
     """

@@ -1,4 +1,4 @@
-"""The integration methods of the kinematic simulator."""
+"""The integration methods of the simulator of ``adversary.py``."""
 
 from enum import Enum
 

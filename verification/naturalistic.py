@@ -1,4 +1,4 @@
-"""Models human drivers around the ego in the kinematic simulator, and an adversary among them.
+"""Models human drivers around the ego in the simulator, and an adversary among them.
 
 Each vehicle decides once a second. It follows the intelligent driver model (IDM), calibrated to
 highD (Zhang and Sun), with noise; at random it brakes hard or changes lanes. The frequencies are

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.config import ObservationConfig
 from drl_av.road.road import (
     LANE_CHANGE_S,
@@ -209,7 +209,7 @@ NOBODY = -1
 """The row of a neighbour that is not there."""
 
 
-@compiled
+@borrowing
 def indicators(
     s_m: FloatArray,
     y_m: FloatArray,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import compiled, squared
+from drl_av.compiled import borrowing, compiled, squared
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral, ego_numbers
 from drl_av.driving.affordances import FRONT, LANE, NOBODY, IntArray
@@ -254,7 +254,7 @@ def next_change(origin: int, target: int, lane: int, sign: int) -> tuple[int, in
     return origin, target
 
 
-@compiled
+@borrowing
 def plan_into(
     values: FloatArray,
     codes: IntArray,

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing
 from drl_av.config import ObservationConfig
 from drl_av.road.road import FloatArray, Road
 
@@ -63,7 +63,7 @@ class ObservationScale:
         return clipped
 
 
-@compiled
+@borrowing
 def scale_into(
     values: FloatArray,
     offset: FloatArray,

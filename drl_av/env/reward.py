@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import compiled, numbers, squared
+from drl_av.compiled import borrowing, numbers, squared
 from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
 from drl_av.driving.affordances import (
     ALLOWED,
@@ -140,7 +140,7 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     return Desired(*desired_values(values, codes, affordances.lane_width_m, *given))
 
 
-@compiled
+@borrowing
 def desired_values(
     values: FloatArray,
     codes: IntArray,
@@ -260,7 +260,7 @@ def terms(
     )
 
 
-@compiled
+@borrowing
 def reward_terms(
     values: FloatArray,
     codes: IntArray,

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import borrowing, numbers
 from drl_av.config import Config
 from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, ground_of, indicators
 from drl_av.driving.observation_scale import ObservationScale, scale_into
@@ -49,7 +49,7 @@ class SceneValues:
         return scene, observation, Rewards(*terms)
 
 
-@compiled
+@borrowing
 def compute_values(
     s_m: FloatArray,
     y_m: FloatArray,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import borrowing, inlined, numbers
 from drl_av.config import Config
 from drl_av.drivers.background.traffic import TrafficNumbers, traffic_numbers
 from drl_av.driving.actions import EgoNumbers, ego_numbers
@@ -152,7 +152,7 @@ def empty_episodes(worlds: int, vehicles: int, steps: int, events: int) -> Episo
     )
 
 
-@compiled
+@borrowing
 def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> None:
     """Compute the present scene of the worlds ``rows``."""
     for w in rows:
@@ -161,7 +161,7 @@ def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> 
         look(episodes, task, w, world.near[COUNT])
 
 
-@compiled
+@borrowing
 def decide_all(
     worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray, actions: IntArray
 ) -> None:
@@ -171,7 +171,7 @@ def decide_all(
         decide(world, episodes, task, w, actions[w])
 
 
-@compiled
+@borrowing
 def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
     loop, scene, plan, lanes = task.loop, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
@@ -205,7 +205,7 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     look(episodes, task, w, world.near[COUNT])
 
 
-@compiled
+@borrowing
 def advance(
     world: World,
     loop: Loop,
@@ -241,7 +241,7 @@ def advance(
     return kind, row
 
 
-@compiled
+@borrowing
 def let_events_happen(world: World, episodes: Episodes, w: int) -> None:
     """Let the random events of the present decision happen."""
     number, last = episodes.next_event[w, 0], episodes.next_event[w, 1]
@@ -251,7 +251,7 @@ def let_events_happen(world: World, episodes: Episodes, w: int) -> None:
     episodes.next_event[w, 0] = number
 
 
-@compiled
+@inlined
 def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
     """Write the state of all vehicles as the arrays of a snapshot, shape (6, vehicles)."""
     for i in range(world.near[COUNT]):
@@ -264,7 +264,7 @@ def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
         scene[5, i] = world.x[WIDTH_M, i]
 
 
-@compiled
+@borrowing
 def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     """Compute indicators, observation, reward terms and verdicts of the present scene."""
     scene, values, codes = episodes.scene[w], episodes.values[w], episodes.codes[w]

@@ -112,6 +112,8 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self.vehicles = np.zeros(count, np.int64)
         """The vehicles besides the ego in each world."""
         self._over = np.ones(count, np.bool_)
+        self._rows, self._no_words = np.arange(count), np.full(count, "", dtype=object)
+        self._no_words.setflags(write=False)
         self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
         self._pool = ThreadPoolExecutor(self._chunks) if self._chunks > 1 else None
 
@@ -177,14 +179,15 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                 )
             self._begin(np.flatnonzero(begins), [None] * self.num_envs)
         rows = np.flatnonzero(~begins)
-        executed = self.episodes.executed[np.arange(self.num_envs), proposed]
-        rules = self.episodes.rules[np.arange(self.num_envs), proposed]
+        executed = self.episodes.executed[self._rows, proposed]
+        rules = self.episodes.rules[self._rows, proposed]
         self._decide(rows, proposed)
         goes_on = ~begins | self._is_fork
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
         late = self.episodes.decisions >= self.config.simulation.decisions_per_episode
         truncated = late & goes_on
-        rewards = self.episodes.terms.sum(axis=1) / 3
+        r_v, r_y, r_x = self.episodes.terms.T
+        rewards = (r_v + r_y + r_x) / 3
         rewards[terminated] = self.config.reward.collision_reward
         rewards[begins] = 0.0
         self._over = terminated | truncated
@@ -360,11 +363,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             "vehicles": self.vehicles.copy(),
             "speed_m_s": values[:, 24].copy(),
             "indicators": values,
-            "way": np.full(self.num_envs, "", dtype=object),
+            "way": self._no_words,
         }
         if self._masked:
             info["action_mask"] = self.action_masks()
-        return info | {f"_{name}": present.copy() for name in info}
+        return info | {f"_{name}": present for name in info}
 
     def _outcome(
         self,
@@ -376,11 +379,13 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         """Return what only a step has in ``info``."""
         kind, other = self.episodes.collision.T
         hits = kind != NO_CONTACT
-        names = np.full(self.num_envs, "", dtype=object)
-        for row in np.flatnonzero(hits & (other > 0)).tolist():
-            names[row] = f"vehicle{other[row]}"
+        names = self._no_words
+        if hits.any():
+            names = names.copy()
+            for row in np.flatnonzero(hits & (other > 0)).tolist():
+                names[row] = f"vehicle{other[row]}"
         r_v, r_y, r_x = self.episodes.terms.T.copy()
-        marks = {f"_{name}": present.copy() for name in ("r_v", "r_y", "r_x")}
+        marks = {f"_{name}": present for name in ("r_v", "r_y", "r_x")}
         info: dict[str, Any] = {
             "proposed_action": proposed,
             "executed_action": executed,
@@ -389,4 +394,4 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             "collision": COLLISION_WORDS[kind],
             "collided_with": names,
         }
-        return info | {f"_{name}": present.copy() for name in info}
+        return info | {f"_{name}": present for name in info}

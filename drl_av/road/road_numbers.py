@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled, squared
+from drl_av.compiled import compiled, inlined, squared
 from drl_av.road.road import LIMIT_BRAKING_M_S2, ROUNDING, FloatArray, Road
 
 
@@ -57,13 +57,13 @@ def road_numbers(road: Road) -> RoadNumbers:
     )
 
 
-@compiled
+@inlined
 def lane_of(y_m: float, lane_width_m: float) -> int:
     """Return the index of the lane that contains ``y_m``, as ``Road.lane_of``."""
     return math.floor(y_m / lane_width_m + 0.5)
 
 
-@compiled
+@inlined
 def is_open(lane: int, road: RoadNumbers) -> bool:
     """Whether the lane exists somewhere on the road and is not barricaded."""
     return 0 <= lane < len(road.open_lanes) and bool(road.open_lanes[lane])

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing, compiled
 from drl_av.road.road import FloatArray, Road
+from drl_av.road.road_numbers import around
 from drl_av.road.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
 
 IntArray = npt.NDArray[np.int64]
@@ -58,7 +59,7 @@ def moved(
     from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, lap_m: float
 ) -> Displacement:
     """Return ``displacement`` on a road with this length of a lap."""
-    forward_m = (to_s_m - from_s_m + BACKWARD_M) % lap_m - BACKWARD_M
+    forward_m = around(to_s_m - from_s_m + BACKWARD_M, lap_m) - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m
 
 
@@ -91,9 +92,9 @@ def contact(
         return 1.0, NO_CONTACT
     ahead_m, faster_m = other[0] - ego[0], other[2] - ego[2]
     if faster_m < 0.0:  # on a loop the ego approaches the other body from behind
-        ahead_m = (ahead_m + length_m) % lap_m - length_m
+        ahead_m = around(ahead_m + length_m, lap_m) - length_m
     else:
-        ahead_m = length_m - (length_m - ahead_m) % lap_m
+        ahead_m = length_m - around(length_m - ahead_m, lap_m)
     if stays_apart(ahead_m, faster_m, length_m):
         return 1.0, NO_CONTACT
     across, cleared = overlap(left_m, moved_m, width_m)
@@ -122,7 +123,7 @@ def overlap(distance_m: float, moved_m: float, size_m: float) -> tuple[float, fl
     return (-edge_m - distance_m) / moved_m, (edge_m - distance_m) / moved_m
 
 
-@compiled
+@borrowing
 def swept_collision(
     from_s_m: FloatArray,
     from_y_m: FloatArray,

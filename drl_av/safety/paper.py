@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import borrowing, numbers
 from drl_av.config import SafetyConfig
 from drl_av.driving.actions import (
     ACCELERATE,
@@ -100,7 +100,7 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
     return Paper(config)(scene, proposed)
 
 
-@compiled
+@borrowing
 def paper_verdicts(
     values: FloatArray,
     codes: IntArray,

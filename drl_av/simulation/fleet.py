@@ -1,6 +1,8 @@
 """The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain, islice, repeat
 
 import numpy as np
@@ -9,7 +11,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.road.road import FloatArray
-from drl_av.road.snapshot import EGO
+from drl_av.road.snapshot import EGO, EGO_ID
 from drl_av.scenarios.custom_types import draw_types
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.highways import require_reachable
@@ -30,7 +32,7 @@ from drl_av.simulation.population import (
     random_lane_changes,
     require_speed_limit,
     require_truck_width,
-    with_stated_values,
+    safe_speeds,
 )
 
 
@@ -268,3 +270,41 @@ class Fleet:
             for name, truck in zip(type_ids, is_truck, strict=True)
         ]
         return np.array(sizes_m).reshape(-1, 2).T.copy()
+
+
+def with_stated_values(
+    population: Population,
+    stated: Sequence[Mapping[str, float]],
+    length_m: FloatArray,
+    lap_m: float,
+) -> Population:
+    """Return a population whose vehicles have what their types state (``CustomVehicleType``).
+
+    ``stated`` and ``length_m`` have one entry for each row. Each vehicle is then slow enough at the
+    start for its own parameters and for the vehicle ahead.
+    """
+    if not any(stated):
+        return population
+    desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
+    acceleration = population.acceleration_m_s2.copy()
+    for row, values in enumerate(stated):
+        desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
+        headway[row] = values.get("headway_s", headway[row])
+        acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
+    rows = np.arange(len(desired))
+    ahead_m = (population.front_m - population.front_m[:, None]) % lap_m
+    ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
+        math.inf
+    )
+    leader = ahead_m.argmin(axis=1)
+    gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
+    speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
+    if population.ids[0] == EGO_ID:
+        speed[0] = population.speed_m_s[0]
+    return replace(
+        population,
+        speed_m_s=speed,
+        desired_speed_m_s=desired,
+        headway_s=headway,
+        acceleration_m_s2=acceleration,
+    )

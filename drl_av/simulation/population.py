@@ -1,9 +1,9 @@
 """The vehicles at the start of an episode, with random, but safe positions and parameters."""
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
+from functools import lru_cache
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -46,14 +46,20 @@ def random_lanes(
     open_lanes = np.flatnonzero(road.open_lanes)
     berths = np.full(len(open_lanes), room // len(open_lanes))
     shares = rng.dirichlet(np.full(len(open_lanes), evenness))
-    chosen = np.empty(n, dtype=np.intp)
-    for row in range(n):
+    draws, chosen, row = rng.random(n), np.empty(n, dtype=np.intp), 0
+    while row < n:  # first for the ego, then until a lane is full
         chances = np.where(berths > 0, shares if row else 1.0, 0.0)
         if not chances.any():
             chances = (berths > 0).astype(float)
         limits = (chances / chances.sum()).cumsum()  # as rng.choice does, without its checks
-        chosen[row] = (limits / limits[-1]).searchsorted(rng.random(), side="right")
-        berths[chosen[row]] -= 1
+        wanted = (limits / limits[-1]).searchsorted(draws[row : n if row else 1], side="right")
+        for place, left in enumerate(berths):
+            fills = np.flatnonzero(wanted == place)
+            if 0 < left <= len(fills):
+                wanted = wanted[: fills[left - 1] + 1]
+        chosen[row : row + len(wanted)] = wanted
+        berths -= np.bincount(wanted, minlength=len(berths))
+        row += len(wanted)
     return open_lanes[chosen]
 
 
@@ -75,8 +81,8 @@ def ring_places(
         spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m[members].sum())
         ends = np.cumsum(spare_m + pitch_m[members])
         front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m
-        leader[members] = np.roll(members, -1)
-        gap_m[members] = np.roll(spare_m, -1) + start_gap_m
+        leader[members] = np.concatenate((members[1:], members[:1]))
+        gap_m[members] = np.concatenate((spare_m[1:], spare_m[:1])) + start_gap_m
     return StartPositions(lane, front_m, gap_m, leader)
 
 
@@ -93,7 +99,7 @@ def safe_speeds(
     for _ in range(len(speed)):
         reach = np.sqrt(speed[leader] ** 2 + 2 * COMFORTABLE_BRAKING_M_S2 * free_m)
         slower = np.minimum(speed, reach)
-        if np.array_equal(slower, speed):
+        if (slower == speed).all():
             break
         speed = slower
     return speed
@@ -223,7 +229,8 @@ def draw_population(
             f"its {pluralize(sum(road.open_lanes), 'open lane')}, not for {vehicles}: ask for fewer"
             " or make the loop longer."
         )
-    streams = rng.spawn(2)
+    is_mixed = traffic.truck_share > 0 or any(traffic.unusual_shares)
+    streams = rng.spawn(2) if is_mixed else (rng, rng)  # else nobody draws from them
     is_truck = draw_trucks(streams[1], n, traffic)
     lane = random_lanes(rng, n, road, room, traffic.lane_evenness)
     pitch_m = pitches_m(is_truck, length_m, traffic)
@@ -244,6 +251,8 @@ def pitches_m(
 
 def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:
     """Draw which of ``n`` vehicles are trucks, shape (n,); row 0, the ego, is always False."""
+    if not traffic.truck_share:
+        return np.zeros(n, dtype=np.bool_)
     is_truck = rng.random(n) < traffic.truck_share
     is_truck[0] = False
     return is_truck
@@ -268,12 +277,13 @@ def with_drivers(
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
     acceleration = rng.uniform(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n)
     speed_gain = rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n)
-    truck_speeds = trucks.uniform(traffic.truck_speed_min_m_s, traffic.truck_speed_max_m_s, n)
-    desired[is_truck] = truck_speeds[is_truck]
-    acceleration[is_truck] = traffic.truck_acceleration_m_s2
+    if traffic.truck_share:
+        truck_speeds = trucks.uniform(traffic.truck_speed_min_m_s, traffic.truck_speed_max_m_s, n)
+        desired[is_truck] = truck_speeds[is_truck]
+        acceleration[is_truck] = traffic.truck_acceleration_m_s2
     _make_some_unusual(unusual, desired, speed_gain, traffic)
     return Population(
-        ids=(EGO_ID, *(f"vehicle{i}" for i in range(1, n))),
+        ids=_vehicle_ids(n),
         lane=places.lane,
         front_m=places.front_m,
         speed_m_s=safe_speeds(desired, headway, places.gap_m, places.leader),
@@ -285,6 +295,11 @@ def with_drivers(
     )
 
 
+@lru_cache
+def _vehicle_ids(n: int) -> tuple[str, ...]:
+    return EGO_ID, *(f"vehicle{i}" for i in range(1, n))
+
+
 def _make_some_unusual(
     rng: np.random.Generator,
     desired_m_s: FloatArray,
@@ -292,6 +307,8 @@ def _make_some_unusual(
     traffic: TrafficConfig,
 ) -> None:
     """Make some vehicles besides the ego stand, crawl or overtake fast, in place."""
+    if not any(traffic.unusual_shares):
+        return
     draws, places = rng.random((2, len(desired_m_s)))
     which = np.searchsorted(np.cumsum(traffic.unusual_shares), draws, side="right")
     which[0] = len(traffic.unusual_shares)
@@ -326,44 +343,6 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
         ),
         speed_gain=np.full(n, (traffic.speed_gain_min + traffic.speed_gain_max) / 2),
         is_truck=np.zeros(n, dtype=np.bool_),
-    )
-
-
-def with_stated_values(
-    population: Population,
-    stated: Sequence[Mapping[str, float]],
-    length_m: FloatArray,
-    lap_m: float,
-) -> Population:
-    """Return a population whose vehicles have what their types state (``CustomVehicleType``).
-
-    ``stated`` and ``length_m`` have one entry for each row. Each vehicle is then slow enough at the
-    start for its own parameters and for the vehicle ahead.
-    """
-    if not any(stated):
-        return population
-    desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
-    acceleration = population.acceleration_m_s2.copy()
-    for row, values in enumerate(stated):
-        desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
-        headway[row] = values.get("headway_s", headway[row])
-        acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
-    rows = np.arange(len(desired))
-    ahead_m = (population.front_m - population.front_m[:, None]) % lap_m
-    ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
-        math.inf
-    )
-    leader = ahead_m.argmin(axis=1)
-    gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
-    speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
-    if population.ids[0] == EGO_ID:
-        speed[0] = population.speed_m_s[0]
-    return replace(
-        population,
-        speed_m_s=speed,
-        desired_speed_m_s=desired,
-        headway_s=headway,
-        acceleration_m_s2=acceleration,
     )
 
 

@@ -1,68 +1,60 @@
 """The order in which SUMO lets the edges change lanes: that of its list of lanes with vehicles.
 
 A strip is one lane of one edge, numbered ``edge * lanes + lane``. SUMO puts a strip in front of its
-list when a vehicle enters it empty, and takes it off when it is empty at certain moments of a step.
+list when a vehicle enters it empty, and takes it off when it is empty after a step. Sets of strips
+are whole numbers with a bit for each.
 """
 
-from drl_av.compiled import borrowing
-from drl_av.twin.neighbors import EDGES
+from drl_av.compiled import inlined
 from drl_av.twin.worlds import (
     ACTIVE,
     ACTIVE_COUNT,
     COUNT,
     EDGE,
     LANE,
-    MARKS,
     Loop,
     World,
 )
 
-HAS_STAYED, HAS_ENTERED = 1, 2
 
-
-@borrowing
+@inlined
 def strip_of(world: World, loop: Loop, i: int) -> int:
     """Return the strip on which the front of a vehicle is."""
     return int(world.z[EDGE, i] * loop.lanes + world.z[LANE, i])
 
 
-@borrowing
-def forget_empty(world: World, loop: Loop, wanted: int) -> None:
-    """Take the strips off the list whose marks have none of the bits ``wanted``."""
-    kept = 0
-    for m in range(world.near[ACTIVE_COUNT]):
-        strip = world.near[ACTIVE + m]
-        if world.near[MARKS + strip] & wanted:
-            world.near[ACTIVE + kept] = strip
-            kept += 1
-    world.near[ACTIVE_COUNT] = kept
-
-
-@borrowing
-def put_in_front(world: World, loop: Loop, strip: int) -> None:
-    """Put a strip in front of the list unless it is on it."""
-    count = world.near[ACTIVE_COUNT]
-    for m in range(count):
-        if world.near[ACTIVE + m] == strip:
-            return
-    for m in range(count, 0, -1):
-        world.near[ACTIVE + m] = world.near[ACTIVE + m - 1]
-    world.near[ACTIVE + 0] = strip
-    world.near[ACTIVE_COUNT] = count + 1
-
-
-@borrowing
-def mark_present(world: World, loop: Loop) -> None:
-    """Mark the strips on which vehicles are now."""
-    for strip in range(EDGES * loop.lanes):
-        world.near[MARKS + strip] = 0
+@inlined
+def strips_with_vehicles(world: World, loop: Loop) -> int:
+    """Return the set of the strips on which vehicles are now."""
+    strips = 0
     for i in range(world.near[COUNT]):
-        world.near[MARKS + strip_of(world, loop, i)] |= HAS_STAYED
+        strips |= 1 << strip_of(world, loop, i)
+    return strips
 
 
-@borrowing
-def activate(world: World, loop: Loop) -> None:
-    """Put all marked strips in front of the list, in the order of their numbers."""
-    for strip in range(EDGES * loop.lanes):
-        if world.near[MARKS + strip]:
-            put_in_front(world, loop, strip)
+@inlined
+def keep_active(world: World, strips: int) -> None:
+    """Take all other strips off the list."""
+    near, kept = world.near, 0
+    for m in range(near[ACTIVE_COUNT]):
+        strip = near[ACTIVE + m]
+        if strips >> strip & 1:
+            near[ACTIVE + kept] = strip
+            kept += 1
+    near[ACTIVE_COUNT] = kept
+
+
+@inlined
+def activate(world: World, strips: int) -> None:
+    """Put those strips in front of the list that are not on it, in the order of their numbers."""
+    near = world.near
+    for m in range(near[ACTIVE_COUNT]):
+        strips &= ~(1 << near[ACTIVE + m])
+    strip = 0
+    while strips >> strip:
+        if strips >> strip & 1:
+            for m in range(near[ACTIVE_COUNT], 0, -1):
+                near[ACTIVE + m] = near[ACTIVE + m - 1]
+            near[ACTIVE] = strip
+            near[ACTIVE_COUNT] += 1
+        strip += 1

@@ -1,6 +1,6 @@
 """How a driver of SUMO's SL2015 asks the vehicles around for room for a lane change."""
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.flags import (
     ASKED_BY_LEFTWARD,
     ASKED_BY_RIGHTWARD,
@@ -40,7 +40,7 @@ FALL_BEHIND_M_S = 7.0 / 3.6
 CUT_IN_LEFT_M_S = 27.0
 
 
-@borrowing
+@inlined
 def inform(world: World, j: int, advice: float, flags: int) -> None:
     """Tell the vehicle ``j`` that it is in the way; ``advice`` is a speed for it, or negative."""
     world.z[STATE, j] |= flags
@@ -48,7 +48,7 @@ def inform(world: World, j: int, advice: float, flags: int) -> None:
         advise(world, j, advice)
 
 
-@borrowing
+@inlined
 def advise(world: World, j: int, advice: float) -> None:
     """Advise a vehicle of a speed for the next step; it ignores one that it cannot reach."""
     speed = world.x[SPEED_M_S, j]
@@ -57,7 +57,7 @@ def advise(world: World, j: int, advice: float) -> None:
         world.x[ADVICE_M_S, j] = reached
 
 
-@borrowing
+@inlined
 def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
     """Return the next speed of the vehicle ``i`` behind another one, by its IDM."""
     return follow_speed(
@@ -111,7 +111,7 @@ def inform_leader(
     return min(target, planned)
 
 
-@borrowing
+@inlined
 def stop_speed(world: World, i: int) -> float:
     """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
     return idm_speed(

@@ -12,7 +12,7 @@ from drl_av.simulation.population import Population
 from drl_av.twin.following import EPS, STEP_S
 from drl_av.twin.lane_change import change_lane, shift
 from drl_av.twin.lane_speeds import needs_thought
-from drl_av.twin.neighbors import shadow_lane
+from drl_av.twin.neighbors import link, shadow_lane
 from drl_av.twin.traffic import place_vehicles, sort_and_activate
 from drl_av.twin.worlds import (
     ACCELERATION_NOW_M_S2,
@@ -122,4 +122,5 @@ def advise_all(world: World, loop: Loop) -> None:
             kept = x[ADVICE_M_S, row]
             x[:, row], z[:, row] = reals, wholes
             x[ADVICE_M_S, row] = kept
+            link(world, loop)
     world.near[STEP] += 1

@@ -6,7 +6,7 @@ that of the vehicle ahead.
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import inlined
 
 STEP_S = 0.5
 """Length of a SUMO step."""
@@ -23,7 +23,7 @@ EPS = 0.001
 """SUMO's NUMERICAL_EPS."""
 
 
-@borrowing
+@inlined
 def idm_speed(
     speed: float,
     gap_m: float,
@@ -47,7 +47,7 @@ def idm_speed(
     return speed
 
 
-@borrowing
+@inlined
 def follow_speed(
     speed: float,
     net_gap_m: float,
@@ -62,7 +62,7 @@ def follow_speed(
     )
 
 
-@borrowing
+@inlined
 def free_speed(
     speed: float, seen_m: float, desired: float, headway_s: float, acceleration: float
 ) -> float:
@@ -76,7 +76,7 @@ def free_speed(
     return min(free, desired) if seen_m < secure_m else free
 
 
-@borrowing
+@inlined
 def brake_gap(speed: float, braking: float, headway_s: float) -> float:
     """Return the stopping distance in SUMO's steps, with ``headway_s`` at the present speed."""
     less = braking * STEP_S
@@ -84,7 +84,7 @@ def brake_gap(speed: float, braking: float, headway_s: float) -> float:
     return STEP_S * (steps * speed - less * steps * (steps + 1) / 2) + speed * headway_s
 
 
-@borrowing
+@inlined
 def secure_gap(speed: float, ahead_speed: float, headway_s: float, is_ego: bool) -> float:
     """Return the gap that SUMO requires behind a vehicle for a lane change."""
     if is_ego:

@@ -2,10 +2,10 @@
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.active_lanes import (
     activate,
-    mark_present,
+    strips_with_vehicles,
 )
 from drl_av.twin.flags import (
     BLOCKED,
@@ -54,6 +54,7 @@ from drl_av.twin.lateral_room import (
 )
 from drl_av.twin.neighbors import (
     follower,
+    link,
     shadow_lane,
 )
 from drl_av.twin.worlds import (
@@ -64,6 +65,7 @@ from drl_av.twin.worlds import (
     COMMANDED_M,
     COUNT,
     EDGE,
+    FIRST_ON,
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -88,37 +90,36 @@ from drl_av.twin.worlds import (
 )
 
 
-@borrowing
+@inlined
 def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
     """Let the vehicles change lanes one after the other: edge by edge, on each the foremost first.
 
     A driver knows the lane changes of those before it.
     """
-    n, done, near = world.near[COUNT], 0, world.near
+    n, done, near, z = world.near[COUNT], 0, world.near, world.z
     near[HAS_CHANGED] = 0
+    for k in range(n - 1, -1, -1):
+        near[FIRST_ON + z[EDGE, z[ORDER, k]]] = k
     for m in range(near[ACTIVE_COUNT]):
         edge = near[ACTIVE + m] // loop.lanes
         if done & (1 << edge):
             continue
         done |= 1 << edge
-        for k in range(n):
-            i = world.z[ORDER, k]
-            if world.z[EDGE, i] > edge:
-                continue
-            if world.z[EDGE, i] < edge:
+        for k in range(near[FIRST_ON + edge], n):
+            i = z[ORDER, k]
+            if z[EDGE, i] < edge:
                 break
             if i == 0:
                 place_ego(world, loop, ego_y_m)
             elif needs_thought(world, loop, k):
                 change_lane(world, loop, k)
-            elif world.z[PREVIOUS_STATE, i] != SUBLANE | STAY:
+            elif z[PREVIOUS_STATE, i] != SUBLANE | STAY:
                 settle(world, i)
     if near[HAS_CHANGED]:
-        mark_present(world, loop)
-        activate(world, loop)
+        activate(world, strips_with_vehicles(world, loop))
 
 
-@borrowing
+@inlined
 def place_ego(world: World, loop: Loop, y_m: float) -> None:
     """Move the ego sideways to ``y_m``."""
     was_m = world.z[LANE, 0] * loop.lane_m + world.x[ASIDE_M, 0]
@@ -141,11 +142,14 @@ def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
     world.z[LANE, i], world.x[ASIDE_M, i] = lane, aside_m
     other = shadow_lane(aside_m, world.x[WIDTH_M, i], lane, loop)
     world.z[SHADOW, i] = other
-    world.z[MASK, i] = 1 << lane | (1 << other if other >= 0 else 0)
+    mask = 1 << lane | (1 << other if other >= 0 else 0)
+    if mask != world.z[MASK, i]:
+        world.z[MASK, i] = mask
+        link(world, loop)
     return entered
 
 
-@borrowing
+@inlined
 def settle(world: World, i: int) -> None:
     """Note that a vehicle stays at the centre of its lane."""
     world.z[STATE, i] = SUBLANE | STAY
@@ -156,7 +160,7 @@ def settle(world: World, i: int) -> None:
     world.x[LATERAL_SPEED_M_S, i] = 0.0
 
 
-@borrowing
+@inlined
 def change_lane(world: World, loop: Loop, k: int) -> None:
     """Let the ``k``-th vehicle decide on its lane, and move it sideways."""
     i = world.z[ORDER, k]
@@ -213,7 +217,7 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
     world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i] if world.z[STATE, i] & REQUESTED else 0.0
 
 
-@borrowing
+@inlined
 def reserve(world: World, loop: Loop, i: int) -> None:
     """Note the lane that the rest of the maneuver leads into, if the body is not there yet."""
     world.z[RESERVED, i] = -1
@@ -229,6 +233,7 @@ def reserve(world: World, loop: Loop, i: int) -> None:
     lane = world.z[LANE, i] + side
     if side and 0 <= lane < loop.lanes and lane != world.z[SHADOW, i]:
         world.z[RESERVED, i] = lane
+        link(world, loop)
 
 
 @borrowing
@@ -247,7 +252,7 @@ def considered(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple
     return state, world.notes[MOVE], world.notes[MANEUVER]
 
 
-@borrowing
+@inlined
 def reason(state: int) -> int:
     """Return the strongest reason in a state; a smaller number is stronger."""
     for flag in (STRATEGIC, COOPERATIVE, SPEED_GAIN, KEEP_RIGHT, REQUESTED):
@@ -256,7 +261,7 @@ def reason(state: int) -> int:
     return state & SUBLANE
 
 
-@borrowing
+@inlined
 def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two_side: int) -> bool:
     """Return whether SUMO prefers the second of two considerations."""
     if one == 0:

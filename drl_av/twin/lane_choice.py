@@ -6,7 +6,7 @@ distance of the whole maneuver; the two are in ``notes``.
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import (
     CONGESTED_M_S,
     inform_follower,
@@ -86,9 +86,11 @@ from drl_av.twin.worlds import (
 )
 
 LOSS = -0.1
+COOPERATION = 1.0
+"""SUMO's lcCooperative: the loss, in thresholds, up to which a driver changes lanes for another."""
 
 
-@borrowing
+@inlined
 def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
     """Return the state after considering a side; the move and maneuver go to ``notes``."""
     notes, near = world.notes, world.near
@@ -135,7 +137,9 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
             and not world.z[IS_FULL, i]
             and side * world.x[MANEUVER_M, i] > 0
         )
-        if (helps and world.z[STATE, i] & mine) or goes_on:
+        gain = world.x[GAIN_RIGHT if side < 0 else GAIN_LEFT, i]
+        is_easy = -gain / world.x[THRESHOLD_RIGHT if side < 0 else THRESHOLD_LEFT, i] < COOPERATION
+        if is_easy and ((helps and world.z[STATE, i] & mine) or goes_on):
             wanted = state | COOPERATIVE | URGENT
             asked = wanted | signed(wanted, across_m)
             if influenced(asked, request, on_request_only, is_commanded) == asked:
@@ -181,7 +185,7 @@ def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
     return blocked
 
 
-@borrowing
+@inlined
 def align(
     world: World,
     loop: Loop,
@@ -221,7 +225,7 @@ def align(
     return wanted & ~SUBLANE
 
 
-@borrowing
+@inlined
 def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) -> int:
     """Return the state after keeping a lateral gap to vehicles beside, and a begun request."""
     notes, near, own = world.notes, world.near, world.z[LANE, i]
@@ -293,7 +297,7 @@ def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) ->
     return state | blocked
 
 
-@borrowing
+@inlined
 def limit_move(world: World, i: int) -> None:
     """Limit the move in ``notes`` to one step, and its maneuver to the lateral room."""
     notes = world.notes

@@ -2,7 +2,9 @@
 
 import math
 
-from drl_av.compiled import borrowing
+import numpy as np
+
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import (
     CONGESTED_M_S,
     HELP_M_S,
@@ -30,6 +32,7 @@ from drl_av.twin.lateral_room import (
     overlaps,
 )
 from drl_av.twin.neighbors import (
+    leader,
     reach_m,
 )
 from drl_av.twin.worlds import (
@@ -48,7 +51,6 @@ from drl_av.twin.worlds import (
     LANE,
     LENGTH_M,
     MANEUVER_M,
-    MASK,
     ORDER,
     OVERTAKES_RIGHT,
     REQUEST_END,
@@ -67,69 +69,49 @@ from drl_av.twin.worlds import (
 ROUTE_M = 3000.0
 """Length of the road ahead that SUMO regards."""
 DECAY = 0.5**STEP_S
+DECAYS = np.array([DECAY ** (1.0 * steps) for steps in range(64)])
 GAIN_SEEN = 0.05
 SLOW_M_S = 10.0
 LONG_LOSS = -1.0
 """Gain to the left below which no step brings a vehicle back to the centre of its lane."""
 LOOKAHEAD_S = 5.0
-LONGEST_M = 25.0
 TRACK_STEPS = 8
 """Steps between two updates of expected speeds that do not matter now."""
 
 
-@borrowing
+@inlined
 def is_open(loop: Loop, lane: int) -> bool:
     """Return whether the lane exists and is open."""
     return loop.first_open <= lane <= loop.last_open
 
 
-@borrowing
+@inlined
+def decayed(steps: int) -> float:
+    """Return ``DECAY`` to the power of a number of steps."""
+    return DECAYS[steps] if steps < len(DECAYS) else DECAY ** (1.0 * steps)
+
+
+@inlined
 def look_around(world: World, loop: Loop, k: int) -> None:
     """Find the vehicles ahead of the ``k``-th one in all lanes, and what speed each lane promises.
 
     The leaders in the right, own and left lane go to ``near`` and their net gaps to ``notes``.
     """
-    x, z, n = world.x, world.z, world.near[COUNT]
-    i = z[ORDER, k]
-    at_m, own = x[FRONT_M, i], z[LANE, i]
-    pos_m = at_m - world.z[EDGE, i] * loop.edge_m
+    x, near = world.x, world.near
+    i = world.z[ORDER, k]
+    own, pos_m = world.z[LANE, i], x[FRONT_M, i] - world.z[EDGE, i] * loop.edge_m
     seen_m = reach_m(loop.edge_m - pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i], loop.edge_m)
     for d in range(3):
-        world.near[LEADER + d] = -1
-    todo = ((1 << (loop.last_open + 1)) - 1) & ~((1 << loop.first_open) - 1)
-    m, wrapped_m = k, 0.0
-    for _ in range(n - 1):
-        m -= 1
-        if m < 0:
-            m, wrapped_m = n - 1, loop.lap_m
-        j = z[ORDER, m]
-        found = z[MASK, j] & todo
-        if not found:
-            continue
-        behind_m = x[FRONT_M, j] - at_m + wrapped_m - x[LENGTH_M, j]
-        if behind_m >= seen_m:
-            if behind_m >= seen_m + LONGEST_M:
-                break
-            continue
-        todo &= ~found
-        gap_m = behind_m - MIN_GAP_M
-        promised = promised_speed(world, i, j, gap_m)
-        for lane in range(loop.first_open, loop.last_open + 1):
-            if found & (1 << lane):
-                if abs(lane - own) <= 1:
-                    world.near[LEADER + 1 + lane - own] = j
-                    world.notes[LEADER_GAP + 1 + lane - own] = gap_m
-                expect(world, i, lane, promised)
-        if not todo:
-            break
-    if todo:
-        promised = promised_speed(world, i, -1, ROUTE_M - pos_m)
-        for lane in range(loop.first_open, loop.last_open + 1):
-            if todo & (1 << lane):
-                expect(world, i, lane, promised)
+        near[LEADER + d] = -1
+    for lane in range(loop.first_open, loop.last_open + 1):
+        j, rear_m = leader(world, loop, k, lane, seen_m)
+        gap_m = rear_m - MIN_GAP_M if j >= 0 else ROUTE_M - pos_m
+        if abs(lane - own) <= 1:
+            near[LEADER + 1 + lane - own], world.notes[LEADER_GAP + 1 + lane - own] = j, gap_m
+        expect(world, i, lane, promised_speed(world, i, j, gap_m))
 
 
-@borrowing
+@inlined
 def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
     """Return the speed that a lane promises to the vehicle ``i``, with ``j`` ahead in it or -1."""
     x = world.x
@@ -149,12 +131,12 @@ def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
     return min(desired, promised)
 
 
-@borrowing
+@inlined
 def expect(world: World, i: int, lane: int, promised: float) -> None:
     """Adapt the expected speed of a lane to the promised one, since the last time."""
     last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
     steps = world.near[STEP] - last
-    old_part = DECAY if steps == 1 else DECAY ** (1.0 * steps)
+    old_part = decayed(steps)
     expected = world.x[EXPECTED_M_S + lane, i]
     world.x[EXPECTED_M_S + lane, i] = old_part * expected + (1 - old_part) * promised
 
@@ -172,19 +154,19 @@ def track(world: World, loop: Loop, k: int) -> None:
     z[TRACKED, i], z[TRACKED_LEFT, i] = world.near[STEP], world.near[STEP]
     if own == loop.last_open:
         checks = 2 if own > loop.first_open else 1
-        x[GAIN_LEFT, i] *= DECAY ** (1.0 * checks * steps)
+        x[GAIN_LEFT, i] *= decayed(checks * steps)
         return
     gain = -math.inf
     for lane in range(own + 1, loop.lanes):
         its = x[EXPECTED_M_S + lane, i]
         gain = max(gain, (its - x[EXPECTED_M_S + own, i]) / max(its, SLOW_M_S))
     if abs(gain) < EPS:
-        x[GAIN_LEFT, i] *= DECAY ** (1.0 * steps)
+        x[GAIN_LEFT, i] *= decayed(steps)
     else:
         x[GAIN_LEFT, i] += STEP_S * steps * gain
 
 
-@borrowing
+@inlined
 def rests_aside(world: World, loop: Loop, k: int) -> bool:
     """Return whether the ``k``-th vehicle stays right of its centre in any case, with none beside.
 
@@ -203,7 +185,7 @@ def rests_aside(world: World, loop: Loop, k: int) -> bool:
     return bool(ahead_m - x[LENGTH_M, ahead] > MIN_GAP_M and behind_m - x[LENGTH_M, i] > MIN_GAP_M)
 
 
-@borrowing
+@inlined
 def needs_thought(world: World, loop: Loop, k: int) -> bool:
     """Return whether the ``k``-th vehicle may move sideways now; if not, do what else it does.
 
@@ -227,60 +209,32 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     is_new = tracks and z[TRACKED, i] < world.near[STEP]
     if not follows and not tracks:
         return False
-    at_m, n = x[FRONT_M, i], world.near[COUNT]
-    pos_m = at_m - world.z[EDGE, i] * loop.edge_m
+    pos_m = x[FRONT_M, i] - z[EDGE, i] * loop.edge_m
     seen_m = reach_m(loop.edge_m - pos_m, speed, x[HEADWAY_S, i], loop.edge_m)
-    todo = 2 << own if follows else 0
-    if tracks:
-        todo |= ((2 << own) - 1) & ~((1 << loop.first_open) - 1)
-    m, wrapped_m, ahead, ahead_gap_m = k, 0.0, -1, 0.0
-    for _ in range(n - 1):
-        m -= 1
-        if m < 0:
-            m, wrapped_m = n - 1, loop.lap_m
-        j = z[ORDER, m]
-        found = z[MASK, j] & todo
-        if not found:
-            continue
-        behind_m = x[FRONT_M, j] - at_m + wrapped_m - x[LENGTH_M, j]
-        if behind_m >= seen_m:
-            if behind_m >= seen_m + LONGEST_M:
-                break
-            continue
-        todo &= ~found
-        gap_m = behind_m - MIN_GAP_M
-        if tracks and found & (1 << (own - 1)):
-            ahead, ahead_gap_m = j, gap_m
-        if found & (2 << own):
-            keep_behind(world, loop, i, j, gap_m)
-            found &= ~(2 << own)
-        if found and is_new:
-            promised = promised_speed(world, i, j, gap_m)
-            for lane in range(loop.first_open, own + 1):
-                if found & (1 << lane):
-                    expect(world, i, lane, promised)
-        if not todo:
-            break
+    if follows:
+        j, rear_m = leader(world, loop, k, own + 1, seen_m)
+        if j >= 0:
+            keep_behind(world, loop, i, j, rear_m - MIN_GAP_M)
     if not tracks:
         return False
-    todo &= (2 << own) - 1
-    if todo and is_new:
-        promised = promised_speed(world, i, -1, ROUTE_M - pos_m)
+    if is_new:
         for lane in range(loop.first_open, own + 1):
-            if todo & (1 << lane):
-                expect(world, i, lane, promised)
+            j, rear_m = leader(world, loop, k, lane, seen_m)
+            gap_m = rear_m - MIN_GAP_M if j >= 0 else ROUTE_M - pos_m
+            expect(world, i, lane, promised_speed(world, i, j, gap_m))
     z[TRACKED, i] = world.near[STEP]
     for lane in range(loop.first_open, own):
         its = x[EXPECTED_M_S + lane, i]
         if its - x[EXPECTED_M_S + own, i] > GAIN_SEEN * max(its, SLOW_M_S):
-            if ahead < 0:
+            j, rear_m = leader(world, loop, k, own - 1, seen_m)
+            if j < 0:
                 return True
-            needed_m = secure_gap(speed, x[SPEED_M_S, ahead], x[HEADWAY_S, i], False)
-            return bool(ahead_gap_m >= needed_m)  # else it is blocked, and asks nobody for room
+            needed_m = secure_gap(speed, x[SPEED_M_S, j], x[HEADWAY_S, i], False)
+            return bool(rear_m - MIN_GAP_M >= needed_m)  # else it is blocked, and asks nobody
     return False
 
 
-@borrowing
+@inlined
 def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
     """Advise a driver not to pass the vehicle ``j`` ahead in the left lane on its right."""
     x = world.x
@@ -294,7 +248,7 @@ def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
             x[GAIN_RIGHT, i] += STEP_S * x[THRESHOLD_LEFT, i] / 3
 
 
-@borrowing
+@inlined
 def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple[float, float]:
     """Update the gains of speed to each side; return the best lateral move, and the own speed.
 
@@ -348,7 +302,7 @@ def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tupl
     return move_m, stays
 
 
-@borrowing
+@inlined
 def speed_gain_of(world: World, loop: Loop, i: int, move_m: float, stays: float) -> float:
     """Return the expected change of the speed after a lateral move."""
     result = math.inf

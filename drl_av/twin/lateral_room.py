@@ -5,7 +5,7 @@ Part of SUMO's lane-change model SL2015 with one strip per lane, written after t
 other. Directions are -1 right, +1 left, 0 own lane.
 """
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.twin.flags import (
     BLOCKED_BY_FOLLOWER,
     BLOCKED_BY_LEADER,
@@ -62,7 +62,7 @@ RELATED, RELATED_COUNT, LEADER, FOLLOWER, BLOCKERS = 0, 6, 8, 11, 7
 leaders and followers in the right, own and left lane, and a bit for each one that is in the way."""
 
 
-@borrowing
+@inlined
 def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float) -> float:
     """Return the least lateral move, metres, that brings a body wholly into the next lane."""
     half_m = 0.5 * (width_m + EPS)
@@ -71,7 +71,7 @@ def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float)
     return 0.5 * lane_m - half_m - aside_m + (width_m + EPS)
 
 
-@borrowing
+@inlined
 def request_of(world: World, loop: Loop, i: int) -> int:
     """Return the side of the request that stands: -1, +1, ``HOLD``, or 0 without one."""
     wanted = world.z[REQUEST_LANE, i]
@@ -81,7 +81,7 @@ def request_of(world: World, loop: Loop, i: int) -> int:
     return HOLD if wanted == lane else (-1 if wanted < lane else 1)
 
 
-@borrowing
+@inlined
 def influenced(state: int, request: int, on_request_only: int, is_commanded: bool) -> int:
     """Return the state after SUMO has applied the lane-change mode and the request to it."""
     if state & (WANTS | STAY):
@@ -107,7 +107,7 @@ def influenced(state: int, request: int, on_request_only: int, is_commanded: boo
     return state | URGENT | (LEFT if request == 1 else RIGHT)
 
 
-@borrowing
+@inlined
 def signed(state: int, move_m: float) -> int:
     """Return the direction flag of a lateral move that has a reason."""
     if move_m == 0.0 or not state & REASONS:
@@ -115,13 +115,13 @@ def signed(state: int, move_m: float) -> int:
     return RIGHT if move_m < 0 else LEFT
 
 
-@borrowing
+@inlined
 def overlaps(right: float, left: float, other_right: float, other_left: float) -> bool:
     """Return whether two lateral intervals overlap by more than SUMO's tolerance."""
     return other_left >= right + EPS and left >= other_right + EPS
 
 
-@borrowing
+@inlined
 def is_related(world: World, j: int) -> bool:
     """Return whether car following already regards the vehicle ``j``."""
     found = False
@@ -130,7 +130,7 @@ def is_related(world: World, j: int) -> bool:
     return found
 
 
-@borrowing
+@inlined
 def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) -> None:
     """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
     if j < 0 or gap_m < 0 or is_related(world, j):
@@ -143,13 +143,13 @@ def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) ->
         world.near[RELATED_COUNT] = count + 1
 
 
-@borrowing
+@inlined
 def center_m(world: World, loop: Loop, i: int) -> float:
     """Return the lateral position of a body's centre from the right border of the road."""
     return (world.z[LANE, i] + 0.5) * loop.lane_m + world.x[ASIDE_M, i]
 
 
-@borrowing
+@inlined
 def update_gaps(
     world: World,
     loop: Loop,

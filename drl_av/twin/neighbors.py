@@ -2,9 +2,10 @@
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import inlined
 from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
 from drl_av.twin.worlds import (
+    AHEAD,
     COUNT,
     EDGE,
     FRONT_M,
@@ -12,6 +13,7 @@ from drl_av.twin.worlds import (
     LENGTH_M,
     MASK,
     ORDER,
+    RESERVED,
     SPEED_M_S,
     Loop,
     World,
@@ -21,9 +23,11 @@ EDGES = 4
 """Edges of each loop."""
 SEEN_BEHIND_M = 200.0
 """Distance in which SUMO looks for followers: stopping from the speed limit of 40 m/s."""
+LONGEST_M = 25.0
+"""Length of the longest vehicle."""
 
 
-@borrowing
+@inlined
 def insert_sorted(world: World) -> None:
     """Sort the vehicles of a world by front position, the foremost first."""
     for k in range(1, world.near[COUNT]):
@@ -36,13 +40,47 @@ def insert_sorted(world: World) -> None:
         world.z[ORDER, m + 1] = i
 
 
-@borrowing
+@inlined
+def link(world: World, loop: Loop) -> None:
+    """Note the next vehicle ahead of each one in each lane, as places in ``ORDER``."""
+    z, n = world.z, world.near[COUNT]
+    for lane in range(loop.lanes):
+        last = -1
+        for _ in range(2):  # first to find the rearmost one, which is ahead of the foremost
+            for k in range(n):
+                z[AHEAD + lane, k] = last
+                i = z[ORDER, k]
+                if z[MASK, i] >> lane & 1 or z[RESERVED, i] == lane:
+                    last = k
+
+
+@inlined
+def leader(world: World, loop: Loop, k: int, lane: int, seen_m: float) -> tuple[int, float]:
+    """Return the next vehicle ahead in a lane that is seen, and the distance to its rear, or -1."""
+    x, z = world.x, world.z
+    at_m, wrapped_m, m = x[FRONT_M, z[ORDER, k]], 0.0, k
+    while True:
+        place, m = m, z[AHEAD + lane, m]
+        if m < 0:
+            return -1, math.inf
+        if m >= place:
+            wrapped_m += loop.lap_m
+        j = z[ORDER, m]
+        ahead_m = x[FRONT_M, j] - at_m + wrapped_m
+        rear_m = ahead_m - x[LENGTH_M, j]
+        if ahead_m >= loop.lap_m or rear_m >= seen_m + LONGEST_M:
+            return -1, math.inf
+        if rear_m < seen_m and z[MASK, j] >> lane & 1:
+            return j, rear_m
+
+
+@inlined
 def edge_of(at_m: float, loop: Loop) -> int:
     """Return the number of the SUMO edge at a position along the road."""
     return min(int(at_m * loop.edges_per_m), EDGES - 1)
 
 
-@borrowing
+@inlined
 def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
     """Return the second lane that a body overlaps, or -1."""
     if abs(aside_m) + 0.5 * width_m - 0.5 * loop.lane_m <= 0.001:
@@ -51,7 +89,7 @@ def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
     return other if 0 <= other < loop.lanes else -1
 
 
-@borrowing
+@inlined
 def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> float:
     """Return how far a driver sees ahead for a lane change; ``rest_m`` is left of its edge."""
     distance_m = max(brake_gap(speed, BRAKING_M_S2, headway_s), 10.0) + MIN_GAP_M
@@ -63,7 +101,7 @@ def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> flo
     return seen_m
 
 
-@borrowing
+@inlined
 def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
     n = world.near[COUNT]

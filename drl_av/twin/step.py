@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import (
-    HAS_ENTERED,
-    HAS_STAYED,
     activate,
-    forget_empty,
+    keep_active,
     strip_of,
 )
 from drl_av.twin.asking import (
@@ -35,15 +33,17 @@ from drl_av.twin.lane_change import (
     change_lanes,
 )
 from drl_av.twin.neighbors import (
-    EDGES,
+    LONGEST_M,
     edge_of,
     insert_sorted,
+    link,
 )
 from drl_av.twin.requests import request_speeds
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
     ADVICE_M_S,
+    AHEAD,
     CHOSEN_M_S,
     COUNT,
     DESIRED_M_S,
@@ -55,7 +55,6 @@ from drl_av.twin.worlds import (
     KEEPS_DISTANCE,
     LANE,
     LENGTH_M,
-    MARKS,
     MASK,
     NEXT_M_S,
     ORDER,
@@ -81,11 +80,12 @@ def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) ->
         world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, loop, k)
     move(world, loop)
     insert_sorted(world)
+    link(world, loop)
     change_lanes(world, loop, ego_y_m)
     world.near[STEP] += 1
 
 
-@borrowing
+@inlined
 def next_speed(world: World, loop: Loop, k: int) -> float:
     """Return the speed of the ``k``-th vehicle after the step, by IDM, advice and request."""
     i = world.z[ORDER, k]
@@ -117,7 +117,7 @@ def next_speed(world: World, loop: Loop, k: int) -> float:
     return world.x[CHOSEN_M_S, i] if is_left else planned
 
 
-@borrowing
+@inlined
 def with_advice(world: World, i: int, planned: float, least: float) -> float:
     """Return the speed that a vehicle chooses for the lane changes around; ``least`` is possible.
 
@@ -132,7 +132,7 @@ def with_advice(world: World, i: int, planned: float, least: float) -> float:
     return planned
 
 
-@borrowing
+@inlined
 def speed_behind(
     world: World,
     loop: Loop,
@@ -147,21 +147,20 @@ def speed_behind(
     ``rest_m`` is left of its edge, and it sees ``seen_m`` ahead. On each edge only the last vehicle
     counts. A vehicle that is about to enter the lane counts on the own edge only.
     """
-    n = world.near[COUNT]
     i = world.z[ORDER, k]
     at_m, result = world.x[FRONT_M, i], math.inf
     served_m, slowest = 0.0, math.inf
-    m, wrapped_m = k, 0.0
-    for _ in range(n - 1):
-        m -= 1
-        if m < 0:
-            m, wrapped_m = n - 1, loop.lap_m
+    m, place, wrapped_m = world.z[AHEAD + lane, k], k, 0.0
+    while m >= 0:
+        if m >= place:
+            wrapped_m += loop.lap_m
         j = world.z[ORDER, m]
+        place, m = m, world.z[AHEAD + lane, m]
         ahead_m = world.x[FRONT_M, j] - at_m + wrapped_m
         rear_m = ahead_m - world.x[LENGTH_M, j]
+        if ahead_m >= loop.lap_m or rear_m >= seen_m + LONGEST_M:
+            break
         if rear_m >= seen_m:
-            if rear_m >= seen_m + 25.0:
-                break
             continue
         if not world.z[MASK, j] & (1 << lane) and not (
             sees_reserved and world.z[RESERVED, j] == lane and rear_m < rest_m and served_m == 0.0
@@ -181,12 +180,10 @@ def speed_behind(
     return result
 
 
-@borrowing
+@inlined
 def move(world: World, loop: Loop) -> None:
     """Move all vehicles along the road, and forget what was agreed for this step only."""
-    forget_empty(world, loop, HAS_STAYED | HAS_ENTERED)
-    for strip in range(EDGES * loop.lanes):
-        world.near[MARKS + strip] = 0
+    stayed, present = 0, 0
     for i in range(world.near[COUNT]):
         speed, strip = world.x[NEXT_M_S, i], strip_of(world, loop, i)
         world.x[ACCELERATION_NOW_M_S2, i] = (speed - world.x[SPEED_M_S, i]) / STEP_S
@@ -196,12 +193,14 @@ def move(world: World, loop: Loop) -> None:
         world.x[FRONT_M, i] = at_m
         world.z[EDGE, i] = edge_of(at_m, loop)
         now = strip_of(world, loop, i)
-        world.near[MARKS + now] |= HAS_STAYED if now == strip else HAS_ENTERED
+        present |= 1 << now
+        if now == strip:
+            stayed |= 1 << now
         state = world.z[STATE, i]
         world.z[STATE, i] = state & WANTS if state & (STRATEGIC | COOPERATIVE) else 0
         world.x[ADVICE_M_S, i] = math.inf
         if world.x[THRESHOLD_LEFT, i] != math.inf:
             world.x[GAIN_LEFT, i] = np.ceil(world.x[GAIN_LEFT, i] * 100000.0) * 0.00001
             world.x[GAIN_RIGHT, i] = np.ceil(world.x[GAIN_RIGHT, i] * 100000.0) * 0.00001
-    forget_empty(world, loop, HAS_STAYED)
-    activate(world, loop)
+    keep_active(world, stayed)
+    activate(world, present)

@@ -23,9 +23,9 @@ from drl_av.simulation.population import (
     require_truck_width,
 )
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
-from drl_av.twin.active_lanes import activate, mark_present
+from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import STEP_S
-from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted
+from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted, link
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
@@ -149,10 +149,11 @@ def draw_traffic(
     chance = traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
     found = [hard_brakings(HardBraking(seed, driver_models, config), config, 0, decisions)]
     for first in range(0, decisions, DECISIONS_AT_ONCE):
-        draws = rng.random((DECISIONS_AT_ONCE, 2, vehicles + 1))
-        decision, row = np.nonzero(draws[:, 0] < chance)
+        draws = rng.random((min(DECISIONS_AT_ONCE, decisions - first), 2, vehicles + 1))
+        below = np.unravel_index(np.flatnonzero(draws < chance), draws.shape)
+        decision, _, row = (where[(below[1] == 0) & (below[2] != 0)] for where in below)
         side = np.where(draws[decision, 1, row] < 0.5, 1, -1)
-        found.append(np.stack((decision + first, row, side), axis=1)[row != 0])
+        found.append(np.stack((decision + first, row, side), axis=1))
     return Drawn(config, population, driver_models, in_order_of_decisions(found))
 
 
@@ -243,5 +244,5 @@ def sort_and_activate(world: World, loop: Loop) -> None:
     for i in range(world.near[COUNT]):
         world.z[EDGE, i] = edge_of(world.x[FRONT_M, i], loop)
     insert_sorted(world)
-    mark_present(world, loop)
-    activate(world, loop)
+    link(world, loop)
+    activate(world, strips_with_vehicles(world, loop))

@@ -74,7 +74,8 @@ was requested.
     DRIVER_STATE,
     BRAKING,
     SIDE,
-) = range(19)
+    AHEAD,
+) = range(20)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
@@ -87,7 +88,9 @@ expected speeds of the own lane and those to its right were brought up to date, 
 same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
 ``MODEL`` is the kind of driver, a ``DriverModel``; ``DRIVERS`` lists the rows of our own, in
 their order. ``DRIVER_STATE`` is the state of a finite-state machine, ``BRAKING`` for how many
-decisions a driver still brakes hard, ``SIDE`` the lane change that it wants at this decision.
+decisions a driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The
+rows from ``AHEAD`` on, one a lane, have a column for each place in ``ORDER``: the place of the next
+vehicle ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``).
 """
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
@@ -98,9 +101,10 @@ OVERTAKES_RIGHT, KEEPS_DISTANCE, DRIVER_COUNT = 20, 21, 22
 """Further entries: 1 if a vehicle may be passed on the right above 60 km/h; 1 if each vehicle stays
 slow enough to stop behind the one ahead; and the number of drivers of our own."""
 ACTIVE = 23
-"""First entry of ``near`` with that list; ``MARKS``: the first with a mark of each strip."""
+"""First entry of ``near`` with that list."""
 MOST_STRIPS = 40
-MARKS = ACTIVE + MOST_STRIPS
+FIRST_ON = ACTIVE + MOST_STRIPS
+"""First entry of ``near`` with the foremost vehicle of each edge, as its place in ``ORDER``."""
 
 
 class World(NamedTuple):
@@ -113,7 +117,7 @@ class World(NamedTuple):
     notes: FloatArray
     """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
     near: IntArray
-    """The vehicles around that vehicle, and counts of the world, shape (100,)."""
+    """The vehicles around that vehicle, and counts of the world, shape (67,)."""
 
 
 class Worlds(NamedTuple):
@@ -145,7 +149,7 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
     return Worlds(
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
-        z=np.zeros((worlds, SIDE + 1, vehicles), dtype=np.int64),
+        z=np.zeros((worlds, AHEAD + lanes, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
-        near=np.zeros((worlds, MARKS + MOST_STRIPS), dtype=np.int64),
+        near=np.zeros((worlds, FIRST_ON + 4), dtype=np.int64),
     )

@@ -250,7 +250,7 @@ def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(
 def test_long_names_fold_and_checks_are_distinguished(capsys: pytest.CaptureFixture[str]) -> None:
     mean = Mean(123.456, 10.0)
     long = "runs/" + "x" * 60 + "/end"
-    summary = Summary(long, "paper", 30, 50, mean, mean, 50, 50, mean, mean)
+    summary = Summary(long, "paper", 30, "sumo", 50, mean, mean, 50, 50, mean, mean)
     tables.print_summaries([summary, summary._replace(safety_check="permit_all")])
     text = capsys.readouterr().out
     assert "…" not in text

@@ -92,7 +92,7 @@ def test_a_strict_that_does_not_know_of_ends_of_lanes_drives_over_them(name: str
 
 @pytest.mark.parametrize("config", [STRICT, NO_CHECK], ids=["strict", "permit_all"])
 @pytest.mark.parametrize("name", OPEN_FAMILIES)
-def test_scenes_end_in_sumo_as_in_the_kinematic_simulator(name: str, config: Config) -> None:
+def test_scenes_end_in_sumo_as_in_the_simulator(name: str, config: Config) -> None:
     (row,) = in_sumo(config, [name], scenes=8, seed=5)
     assert row["unlike_the_equations"] == row["furthest_from_the_equations_m"] == 0
     assert (row["ego_hit"] > 0) is (config is NO_CHECK)
