@@ -141,7 +141,7 @@ def compare(given: Namespace, config: Config, kind: str) -> None:
             flush=True,
         )
     print("\nthe ego's mean speed in paired episodes, m/s; lane changes of the others per km")
-    print("driver         vehicles    SUMO    twin  changes SUMO  twin  equal decisions")
+    print("driver         vehicles    SUMO    twin  changes SUMO    twin  equal decisions")
     sumo = HighwayEnv(scenario=given.scenario, config=config)
     twin = TwinVectorEnv(1, scenario=given.scenario, config=config, autoreset_mode="Disabled")
     drivers = make_drivers(find_drivers(list(DRIVERS)), config)
@@ -162,7 +162,7 @@ def compare(given: Namespace, config: Config, kind: str) -> None:
             total = sum(pair[0].decisions for pair in pairs)
             print(
                 f"{name:14s}{vehicles:9d}{speeds[0]:8.2f}{speeds[1]:8.2f}{changes[0]:14.4f}"
-                f"{changes[1]:6.4f}{equal:9d} of {total}",
+                f"{changes[1]:8.4f}{equal:9d} of {total}",
                 flush=True,
             )
     print(flush=True)

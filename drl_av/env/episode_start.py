@@ -141,6 +141,8 @@ def drawn_traffic(
     ``before`` is the simulation of the previous episode. If the episode has another simulation,
     ``before`` is closed, and the new one calls the same ``after_step``.
     """
+    if len(setups) == 1:
+        return setups[0]
     drawn = setups[kind_of_traffic(seed, len(setups))]
     if drawn.simulation is not before:
         before.close()

@@ -78,6 +78,8 @@ class Episodes(NamedTuple):
     """Shape (worlds, 2): the number of the next random event, and of all of them."""
     decisions: IntArray
     """Shape (worlds,): decisions since the start."""
+    sums: FloatArray
+    """Shape (worlds, 2): the sum of the speeds after each decision, and how often a rule held."""
     terms: FloatArray
     """Shape (worlds, 3): the reward terms of the present scene."""
     collision: IntArray
@@ -147,6 +149,7 @@ def empty_episodes(worlds: int, vehicles: int, steps: int, events: int) -> Episo
         events=np.zeros((worlds, events, 3), np.int64),
         next_event=np.zeros((worlds, 2), np.int64),
         decisions=np.zeros(worlds, np.int64),
+        sums=np.zeros((worlds, 2)),
         terms=np.zeros((worlds, 3)),
         collision=np.full((worlds, 2), NO_CONTACT, np.int64),
     )
@@ -202,6 +205,8 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
             break
     lanes[0], lanes[1], episodes.heading_rad[w] = origin, target, heading_rad
     episodes.decisions[w] += 1
+    episodes.sums[w, 0] += scene[2, 0]
+    episodes.sums[w, 1] += episodes.rules[w, action] != 0
     look(episodes, task, w, world.near[COUNT])
 
 

@@ -40,6 +40,7 @@ Observations = npt.NDArray[np.float32]
 RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
 COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
 """By number; -1, no collision, is the last."""
+EGO_HITS = np.array([*(kind.ego_hit for kind in KINDS), False])
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
 
@@ -303,13 +304,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             if generator is None or seed is not None:
                 generator, _ = seeding.np_random(seed)
                 self._generators[row] = generator
-            self.seeds[row] = traffic_seed(seed, self._options, generator)
-            vehicles = number_of_vehicles(
-                self._options, int(self.seeds[row]), config.traffic, None, None
-            )
-            self.vehicles[row] = vehicles
-            asked = int(self.seeds[row]), vehicles, self._scenario, config.per_traffic_preset, most
-            drawn.append(draw_traffic(*asked))
+            seed = traffic_seed(seed, self._options, generator)
+            vehicles = number_of_vehicles(self._options, seed, config.traffic, None, None)
+            self.seeds[row], self.vehicles[row] = seed, vehicles
+            kinds = config.per_traffic_preset
+            drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
         self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
         for row, one in zip(rows.tolist(), drawn, strict=True):
             vehicles_of_it = one.population, one.driver_models, self._scenario, one.config
@@ -317,7 +316,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             self._set_events(row, one.events)
         episodes = self.episodes
         episodes.lanes[rows] = self.worlds.z[rows, LANE, :1]
-        episodes.heading_rad[rows], episodes.decisions[rows] = 0.0, 0
+        episodes.heading_rad[rows], episodes.decisions[rows], episodes.sums[rows] = 0.0, 0, 0.0
         episodes.collision[rows] = NO_CONTACT, 0
         self._over[rows] = False
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
@@ -387,6 +386,10 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         r_v, r_y, r_x = self.episodes.terms.T.copy()
         marks = {f"_{name}": present for name in ("r_v", "r_y", "r_x")}
         info: dict[str, Any] = {
+            "is_success": self._over & ~hits,
+            "mean_speed_m_s": self.episodes.sums[:, 0] / np.maximum(self.episodes.decisions, 1),
+            "ego_hit": EGO_HITS[kind],
+            "safety_triggers": self.episodes.sums[:, 1].astype(np.int64),
             "proposed_action": proposed,
             "executed_action": executed,
             "rule": RULE_WORDS[rules],

@@ -13,8 +13,7 @@ from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import lane_of
 from drl_av.road.snapshot import EGO, TrafficCommands
 from drl_av.road.vehicle_types import LENGTHS_M
-from drl_av.simulation.sumo import getters
-from drl_av.simulation.vehicle_calls import packed
+from drl_av.simulation.vehicle_calls import getters, packed
 
 LEFT_TO_SUMO = -1.0
 """The argument of ``setSpeed`` that returns the control of the speed to SUMO."""

@@ -5,11 +5,10 @@ import io
 import platform
 import shlex
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from drl_av.config import Config
 from drl_av.errors import ConfigError, DisplayError
@@ -52,16 +51,6 @@ def connection(gui: bool) -> ModuleType:
         SimulationError: the module cannot be imported, or only an older version of it.
     """
     return sumo_module("traci" if gui else "libsumo")
-
-
-def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[..., Any]]:
-    """Return the function ``sumo.vehicle.<name>`` for each name.
-
-    For libsumo these are the C functions themselves: SWIG's Python wrapper around each of them
-    takes a quarter to a third of the time of a call.
-    """
-    within = getattr(sumo, "_libsumo", None)
-    return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
 
 
 @contextmanager

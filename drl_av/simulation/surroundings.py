@@ -13,8 +13,7 @@ from drl_av.errors import SimulationError
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
-from drl_av.simulation.sumo import getters
-from drl_av.simulation.vehicle_calls import take_control
+from drl_av.simulation.vehicle_calls import getters, take_control
 
 ORIGIN_M = OPEN_LAP_M / 2
 """Position along our road at which the vehicle's present edge begins."""

@@ -6,7 +6,7 @@ import libsumo
 import pytest
 
 from drl_av.env.highway import HighwayEnv
-from drl_av.simulation.sumo import getters
+from drl_av.simulation.vehicle_calls import getters
 
 NAMES = ("getSpeed", "getLaneID")
 

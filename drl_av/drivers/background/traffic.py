@@ -99,14 +99,17 @@ class TrafficDrivers:
         self.memory = np.full(n, State.CRUISE, np.int64), np.zeros(n, np.int64)
         """The state of each finite-state machine, and for how many decisions it still brakes."""
         self._found = np.zeros(n), np.zeros(n, np.int64)
-        self._hard_braking = HardBraking(seed, driver_models, self._config)
+        brakes_hard = bool((driver_models == DriverModel.HARD_BRAKING).any())
+        drawn = (seed, driver_models, self._config)
+        self._hard_braking = HardBraking(*drawn) if brakes_hard else None
 
     def __call__(self, snapshot: Snapshot) -> TrafficCommands:
         """Return the commands of all vehicles that SUMO does not drive, until the next decision."""
         rows = self._rows
         if not len(rows):
             return NO_COMMANDS
-        self._hard_braking(self.memory[1])
+        if self._hard_braking is not None:
+            self._hard_braking(self.memory[1])
         of_vehicles = *self._of_each, *self.memory, *self._found
         decide.fast(*snapshot.arrays, self._numbers, rows, *of_vehicles)
         acceleration_m_s2, side = self._found
