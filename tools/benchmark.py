@@ -14,7 +14,8 @@
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 of the paper beside stable-baselines3's DQN on the same environment
                  with the same traffic seeds, network, batch and buffer; torch on one thread in
-                 both; with the paper's 1 to 30 vehicles, and with 30 in every episode
+                 both; with the paper's 1 to 30 vehicles, and with 30 in every episode; then
+                 Algorithm 1 in the twin beside SUMO
     highway-env  the environment beside HighwayEnv's highway-v0 at 3 lanes, 30 vehicles and one
                  decision per second, simulated at its own default of 15 Hz
     processes    two processes that drive at the same time beside one

@@ -83,12 +83,16 @@ def multilayer_perceptron() -> torch.nn.Module:
 def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Return the rows of training: decisions per second, with a gradient step for each.
 
-    With 30 vehicles most of the time is SUMO's.
+    With 30 vehicles most of the time is SUMO's. In the twin nearly all is the gradient steps'.
     """
     few, most = Config().traffic.vehicles_min, Config().traffic.vehicles_max
+    in_sumo = exploring(Config())
+    in_twin = in_sumo.updated("simulation", world="twin")
+    worlds = (training(config, seeds, stack) for config in (in_twin, in_sumo))
     return [
-        train_row(f"{few} to {most} vehicles", exploring(Config()), seeds, stack, 2.5),
+        train_row(f"{few} to {most} vehicles", in_sumo, seeds, stack, 2.5),
         train_row(f"{VEHICLES} vehicles", crowded(), seeds, stack),
+        Row(f"training, {few} to {most} vehicles, in the twin | in SUMO", *worlds, 3.0),
     ]
 
 
@@ -100,16 +104,22 @@ def train_row(
     least_ratio: float | None = None,
 ) -> Row:
     """Return a row of our training beside stable-baselines3's, on the same few traffic seeds."""
-    ours, theirs = (stack.enter_context(closing(Rounds(config, seeds))) for _ in range(2))
-    training, rival = build_training(ours), stable_baselines3(theirs)
+    ours = training(config, seeds, stack)
+    rival = stable_baselines3(stack.enter_context(closing(Rounds(config, seeds))))
+    beside = partial(learn, rival, seeds)
+    return Row(f"training, {name} | stable-baselines3's DQN", ours, beside, least_ratio)
+
+
+def training(config: Config, seeds: Sequence[int], stack: ExitStack) -> Callable[[], float]:
+    """Return a function that trains for an episode of each seed: decisions per second."""
+    ours = build_training(stack.enter_context(closing(Rounds(config, seeds))))
 
     def train() -> float:
         begun = time.perf_counter()
-        decisions = sum(training.run_episode().decisions for _ in seeds)
+        decisions = sum(ours.run_episode().decisions for _ in seeds)
         return decisions / (time.perf_counter() - begun)
 
-    beside = partial(learn, rival, seeds)
-    return Row(f"training, {name} | stable-baselines3's DQN", train, beside, least_ratio)
+    return train
 
 
 class Rounds(HighwayEnv):
