@@ -39,7 +39,7 @@ PRESETS: dict[str, Config] = {
     .updated("simulation", world="twin")
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
-    .updated("traffic", presets=("calm", "overtaking", "naturalistic"), vehicles_max=40),
+    .updated("traffic", presets=("calm", "overtaking"), vehicles_max=40),
     "literal": from_sections(LITERAL),
 }
 _FAST_ON_RAMPS = {
