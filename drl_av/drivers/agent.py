@@ -64,10 +64,8 @@ _FUNCTIONS = re.compile(
 """What a pickle may name, as ``module:name``: these classes, and these functions of numpy."""
 
 
-_NOT_NEGATIVE = [
-    row for row, name in enumerate(INDICATORS) if name.endswith("_d_x") or name == "ego_v_x"
-]
-"""The gaps and the ego's speed in an observation."""
+_NOT_NEGATIVE = [row for row, name in enumerate(INDICATORS) if name.endswith("_d_x")]
+"""The gaps in an observation."""
 
 
 class _Foreign(pickle.UnpicklingError):
