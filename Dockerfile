@@ -3,7 +3,8 @@ FROM python:3.11-slim
 RUN apt-get update \
     && apt-get install -y --no-install-recommends make libx11-6 libxext6 libxrender1 libgl1 libglu1-mesa \
     && rm -rf /var/lib/apt/lists/*
-RUN pip install --no-cache-dir torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu
+# The package index of torch's CPU build; without it pip also installs gigabytes of GPU libraries.
+ARG PIP_EXTRA_INDEX_URL
 WORKDIR /drl-av
 COPY . .
 RUN pip install --no-cache-dir -c constraints.txt '.[train]'
