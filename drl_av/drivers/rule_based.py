@@ -25,7 +25,7 @@ from drl_av.driving.actions import (
 from drl_av.driving.affordances import (
     ALLOWED,
     CHANGES,
-    NOBODY,
+    NO_VEHICLE,
     WITHIN,
     IntArray,
     Neighbor,
@@ -238,7 +238,7 @@ def idm_number(values: FloatArray, codes: IntArray, config: SafetyConfig | Safet
     speeds T_C is infinite at any gap, so without it the ego would accelerate into the vehicle
     ahead. ``config.printed_idm`` removes the condition, as in the paper.
     """
-    if codes[0] == NOBODY:
+    if codes[0] == NO_VEHICLE:
         return ACCELERATE
     gap_m, closing_m_s = values[0], -values[1]
     ttc_s = time_to_collision(gap_m, closing_m_s)
@@ -255,7 +255,7 @@ def gap_number(
 
     If no vehicle ahead is in range, the action is to accelerate.
     """
-    if codes[0] == NOBODY:
+    if codes[0] == NO_VEHICLE:
         return ACCELERATE
     wanted = time_gap_acceleration(values[24], values[0], -values[1], headway_s, ego)
     nearest, least = 0, np.inf
@@ -330,7 +330,7 @@ def behind_leader(
     values: FloatArray, codes: IntArray, front: int, desired_m_s: float, mobil: Mobil
 ) -> float:
     """Return the ego's IDM acceleration behind the vehicle in the slot ``front``, m/s^2."""
-    if codes[front] == NOBODY:
+    if codes[front] == NO_VEHICLE:
         return idm_acceleration(values[24], desired_m_s, np.inf, 0.0, mobil)
     gap_m, closing_m_s = values[4 * front], -values[4 * front + 1]
     return idm_acceleration(values[24], desired_m_s, gap_m, closing_m_s, mobil)
@@ -343,7 +343,7 @@ def behind_ego(
 
     It is 0 without such a vehicle.
     """
-    if codes[rear] == NOBODY:
+    if codes[rear] == NO_VEHICLE:
         return 0.0
     faster_m_s = values[4 * rear + 1]
     speed_m_s = values[24] + faster_m_s
@@ -364,11 +364,11 @@ def without_ego(
     the ego. The result is 0 without a vehicle behind.
     """
     rear = front + 1
-    if codes[rear] == NOBODY:
+    if codes[rear] == NO_VEHICLE:
         return 0.0
     faster_m_s = values[4 * rear + 1]
     speed_m_s = values[24] + faster_m_s
-    if codes[front] == NOBODY:
+    if codes[front] == NO_VEHICLE:
         return idm_acceleration(speed_m_s, desired_m_s, np.inf, 0.0, mobil)
     gap_m = values[4 * rear] + length_m + values[4 * front]
     closing_m_s = faster_m_s - values[4 * front + 1]

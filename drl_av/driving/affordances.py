@@ -163,7 +163,7 @@ class Affordances(NamedTuple):
 
     def arrays(self) -> "Indicators":
         """Return the indicators as compiled functions take them."""
-        rows = [NOBODY if slot is None else slot.vehicle for slot in self[:6]]
+        rows = [NO_VEHICLE if slot is None else slot.vehicle for slot in self[:6]]
         lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
         further = self.mandatory.within_m, self.allowed_speed_m_s, 0.0
         values = np.append(self.vector(), further)
@@ -187,8 +187,8 @@ class Indicators(NamedTuple):
     """Shape (30,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
     ``WITHIN``, ``ALLOWED`` and ``FRONT``."""
     codes: IntArray
-    """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NOBODY`` if there is
-    none, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
+    """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NO_VEHICLE`` without
+    one, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""
     ground: Ground
     range_m: float
     """The largest gap that is observed."""
@@ -205,7 +205,7 @@ the road's barriers and speed limits."""
 LANE, RIGHT_LANE, LEFT_LANE, CHANGES = 6, 7, 8, 9
 """Indices in the codes, after the neighbours' rows: the ego's lane, whether there is a lane to the
 right and to the left (1 or 0), and ``MandatoryChange.lanes``."""
-NOBODY = -1
+NO_VEHICLE = -1
 """The row of a neighbour that is not there."""
 
 
@@ -236,7 +236,7 @@ def indicators(
     own_s_m, own_length_m, half_lane_m = s_m[viewer], length_m[viewer], road.lane_width_m / 2
     for slot in range(6):
         values[4 * slot] = np.inf
-        codes[slot] = NOBODY
+        codes[slot] = NO_VEHICLE
     for row in range(vehicles):
         if row == viewer:
             continue
@@ -293,8 +293,8 @@ def complete(
 ) -> None:
     """Fill in the four indicators of a slot whose gap and row are known."""
     at, row, sign = 4 * slot, codes[slot], SIDES[slot // 2]
-    if values[at] > range_m or row == NOBODY:
-        codes[slot] = NOBODY
+    if values[at] > range_m or row == NO_VEHICLE:
+        codes[slot] = NO_VEHICLE
         center_m = codes[LANE] * lane_width_m + sign * lane_width_m
         values[at] = range_m if has_lane(codes, sign) else 0.0
         values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - values[25], 0.0
@@ -312,7 +312,7 @@ def complete(
 
 def gap_in(values: FloatArray, codes: IntArray, slot: int) -> float:
     """Return the gap to the neighbour in a slot, metres; inf if there is none."""
-    return np.inf if codes[slot] == NOBODY else values[4 * slot]
+    return np.inf if codes[slot] == NO_VEHICLE else values[4 * slot]
 
 
 def slot_of(sign: int) -> int:
@@ -354,7 +354,7 @@ def affordances_of(indicators: Indicators, road: Road) -> Affordances:
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
     own_front, own_rear, right_front, right_rear, left_front, left_rear = (
-        None if row == NOBODY else Neighbor(row, *number[4 * slot : 4 * slot + 4])
+        None if row == NO_VEHICLE else Neighbor(row, *number[4 * slot : 4 * slot + 4])
         for slot, row in enumerate(code[:6])
     )
     return Affordances(

@@ -11,7 +11,7 @@ import numpy as np
 from drl_av.compiled import borrowing, compiled, squared
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral, ego_numbers
-from drl_av.driving.affordances import FRONT, LANE, NOBODY, IntArray
+from drl_av.driving.affordances import FRONT, LANE, NO_VEHICLE, IntArray
 from drl_av.driving.car_following import keep_limits, set_speeds
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import FloatArray
@@ -280,7 +280,7 @@ def plan_into(
     Returns:
         The lanes of the lane change after the decision, equal if there is none, and its heading.
     """
-    speed, ahead = values[24], codes[0] != NOBODY
+    speed, ahead = values[24], codes[0] != NO_VEHICLE
     gap_m, front_m_s = (values[0], speed + values[1]) if ahead else (np.inf, speed)
     set_speeds(speed_m_s, speed, gap_m, front_m_s, action % 4, ego, ego.step_length_s)
     keep_limits(speed_m_s, speed, limits, codes[LANE], front_m, ego, ego.step_length_s)

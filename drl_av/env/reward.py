@@ -11,7 +11,7 @@ from drl_av.driving.affordances import (
     ALLOWED,
     CHANGES,
     LANE,
-    NOBODY,
+    NO_VEHICLE,
     WITHIN,
     Affordances,
     IntArray,
@@ -176,7 +176,7 @@ def lane_speed(
     """
     slot = slot_of(sign)
     most_m_s: float = min(config.desired_speed_m_s, values[ALLOWED])
-    if codes[slot] == NOBODY:
+    if codes[slot] == NO_VEHICLE:
         return most_m_s
     leader_m_s = values[24] + values[4 * slot + 1]
     speed_m_s = attainable_speed(values[4 * slot], leader_m_s, config, safety.minimum_gap_m)
@@ -270,5 +270,5 @@ def reward_terms(
 ) -> tuple[float, float, float]:
     """Return the fields of ``Rewards`` in a scene, from the arrays that ``indicators`` fills."""
     speed_m_s, y_m = desired_values(values, codes, lane_width_m, config, safety)
-    gap_m = np.inf if codes[0] == NOBODY else values[0]
+    gap_m = np.inf if codes[0] == NO_VEHICLE else values[0]
     return terms(values[24], values[25], gap_m, speed_m_s, y_m, config, safety.minimum_gap_m)

@@ -19,7 +19,7 @@ from drl_av.driving.actions import (
     Action,
     Longitudinal,
 )
-from drl_av.driving.affordances import LANE, NOBODY, IntArray, Neighbor, has_lane, slot_of
+from drl_av.driving.affordances import LANE, NO_VEHICLE, IntArray, Neighbor, has_lane, slot_of
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.road.road import FloatArray
@@ -129,7 +129,7 @@ def checked_longitudinal(
 ) -> int:
     """Return the action after rule 1: gap condition (eq. 3) and safe action (eq. 4)."""
     gap_m, closing_m_s = values[0], -values[1]
-    if codes[0] == NOBODY or closing_m_s <= 0 or gap_condition(gap_m, closing_m_s, safety):
+    if codes[0] == NO_VEHICLE or closing_m_s <= 0 or gap_condition(gap_m, closing_m_s, safety):
         return proposed
     safe = safe_number(time_to_collision(gap_m, closing_m_s), safety)
     if proposed != ACCELERATE and proposed >= safe and not safety.printed_rule_1:
@@ -172,9 +172,9 @@ def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyNumbe
     """
     front = slot_of(sign)
     return (
-        (codes[0] == NOBODY or gap_condition(values[0], -values[1], safety))
-        and (codes[front] == NOBODY or clear_of(values, front, -1, safety))
-        and (codes[front + 1] == NOBODY or clear_of(values, front + 1, 1, safety))
+        (codes[0] == NO_VEHICLE or gap_condition(values[0], -values[1], safety))
+        and (codes[front] == NO_VEHICLE or clear_of(values, front, -1, safety))
+        and (codes[front + 1] == NO_VEHICLE or clear_of(values, front + 1, 1, safety))
     )
 
 

@@ -230,7 +230,7 @@ def draw_population(
             " or make the loop longer."
         )
     is_mixed = traffic.truck_share > 0 or any(traffic.unusual_shares)
-    streams = rng.spawn(2) if is_mixed else (rng, rng)  # else nobody draws from them
+    streams = rng.spawn(2) if is_mixed else (rng, rng)  # else no driver draws from them
     is_truck = draw_trucks(streams[1], n, traffic)
     lane = random_lanes(rng, n, road, room, traffic.lane_evenness)
     pitch_m = pitches_m(is_truck, length_m, traffic)

@@ -189,7 +189,7 @@ def rests_aside(world: World, loop: Loop, k: int) -> bool:
 def needs_thought(world: World, loop: Loop, k: int) -> bool:
     """Return whether the ``k``-th vehicle may move sideways now; if not, do what else it does.
 
-    This holds for a vehicle at the centre of its lane that nobody asks for room and that changes
+    This holds for a vehicle at the centre of its lane that no driver asks for room and that changes
     lanes for no speed: it may still keep behind a vehicle on its left, and once it has braked for
     such a vehicle, SL2015 lets it change to the right as soon as that is faster.
     """
@@ -230,7 +230,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
             if j < 0:
                 return True
             needed_m = secure_gap(speed, x[SPEED_M_S, j], x[HEADWAY_S, i], False)
-            return bool(rear_m - MIN_GAP_M >= needed_m)  # else it is blocked, and asks nobody
+            return bool(rear_m - MIN_GAP_M >= needed_m)  # else it is blocked, and asks no driver
     return False
 
 
