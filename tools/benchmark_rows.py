@@ -267,9 +267,9 @@ def long_road() -> StraightDescription:
     """Return a straight road whose flow corresponds to ``ON_STRAIGHT`` vehicles.
 
     1,000 vehicles/h in each of three lanes at 20 m/s are 500 on 12 km. Vehicles are on the road
-    from 300 m behind the ego's start to 250 m beyond the end of its way.
+    from 300 m behind the ego's start to 305 m beyond the end of its way.
     """
-    return StraightDescription(flow_per_h=1000.0, length_m=12_000.0 - 300.0 - 250.0)
+    return StraightDescription(flow_per_h=1000.0, length_m=12_000.0 - 300.0 - 305.0)
 
 
 def roads_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:

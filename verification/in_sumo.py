@@ -44,8 +44,9 @@ class SumoWorld:
         folder = Path(tempfile.mkdtemp()) / road
         write_scenario(folder, ROADS[road])
         self._scenario = load_scenario(folder)
-        traffic = replace(config.traffic, random_lane_changes_per_s=0.0)
-        self._config = replace(config, traffic=traffic)
+        self._config = config.updated(  # the commands of a world stand as they are
+            "traffic", random_lane_changes_per_s=0.0, keep_stopping_distance=False
+        )
 
     def play(
         self, world: World, commands: Iterator[Orders], check: BatchCheck, mover: Mover

@@ -13,14 +13,18 @@ CONGESTED_M_S = 60 / 3.6
 """Speed, m/s, up to which a vehicle may always be passed on the right, as in SUMO (60 km/h)."""
 
 
+BESIDE_PRESETS = "vehicles_min", "vehicles_max", "keep_stopping_distance"
+"""The settings that may be set beside ``presets``."""
+
+
 @dataclass(frozen=True)
 class TrafficConfig(Section):
     """The background traffic: the number of vehicles, and the ranges of their random parameters.
 
     vehicles_min: fewest vehicles besides the ego in an episode (Sec. IV-B)
     vehicles_max: N_T, most vehicles besides the ego in an episode (Sec. IV-B)
-    presets: kinds of traffic of which each episode draws one; only the numbers of vehicles may then
-        be set (ours)
+    presets: kinds of traffic of which each episode draws one; only the numbers of vehicles and
+        keep_stopping_distance may then be set (ours)
     desired_speed_min_m_s: lowest desired speed (ours)
     desired_speed_max_m_s: highest desired speed (ours)
     headway_min_s: shortest headway of SUMO's IDM (ours)
@@ -75,7 +79,7 @@ class TrafficConfig(Section):
     finite_state_share: float = setting(0.0, low=0, high=1)
     level_0_share: float = setting(0.0, low=0, high=1)
     level_1_share: float = setting(0.0, low=0, high=1)
-    keep_stopping_distance: bool = False
+    keep_stopping_distance: bool = True
     overtake_right: bool = False
     standing_share: float = setting(0.0, low=0, high=1)
     crawling_share: float = setting(0.0, low=0, high=1)
@@ -102,11 +106,11 @@ class TrafficConfig(Section):
         self.ordered("headway_min_s", "headway_max_s")
         self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
         self.ordered("speed_gain_min", "speed_gain_max")
-        numbers = self.vehicles_min, self.vehicles_max
-        if self.presets and replace(self, presets=()) != TrafficConfig(*numbers):
+        beside = {name: getattr(self, name) for name in BESIDE_PRESETS}
+        if self.presets and replace(self, presets=()) != TrafficConfig(**beside):
             raise ConfigError(
                 "traffic: presets draws the other settings of the section in each episode, so "
-                "only vehicles_min and vehicles_max can be set beside it: remove the others."
+                f"only {', '.join(BESIDE_PRESETS)} can be set beside it: remove the others."
             )
         if sum(self.shares) > 1 + 1e-9:
             raise ConfigError(
@@ -219,7 +223,8 @@ TRAFFIC_PRESETS["all"] = TrafficPreset(
 def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
     """Return the settings of the kind of traffic ``name``.
 
-    ``vehicles_min`` and ``vehicles_max`` are those of ``traffic``.
+    ``vehicles_min`` and ``vehicles_max`` are those of ``traffic``, and so is
+    ``keep_stopping_distance`` if ``traffic`` has presets and the kind does not set it.
 
     Raises:
         ConfigError: there is no such kind; the message suggests the nearest name.
@@ -229,9 +234,6 @@ def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
             f"There is no kind of traffic {name!r}{did_you_mean(name, TRAFFIC_PRESETS)}; "
             f"the kinds are: {', '.join(TRAFFIC_PRESETS)}."
         )
-    found = TRAFFIC_PRESETS[name].settings
-    return TrafficConfig(
-        vehicles_min=traffic.vehicles_min,
-        vehicles_max=traffic.vehicles_max,
-        **{key: value for key, (value, _) in found.items()},
-    )
+    found = {key: value for key, (value, _) in TRAFFIC_PRESETS[name].settings.items()}
+    stays = BESIDE_PRESETS if traffic.presets else BESIDE_PRESETS[:2]
+    return TrafficConfig(**{key: getattr(traffic, key) for key in stays} | found)

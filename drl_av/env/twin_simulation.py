@@ -65,7 +65,7 @@ class TwinSimulation:
 
         Return the snapshot after the last step, and the ego's collision or None.
         """
-        for row, side in self.fleet.lane_changes(0.0, ()):
+        for row, side in self.fleet.lane_changes(0.0, self._scene[1]):
             request_change(self.world, row, side, REQUEST_STEPS)
         self.world.x[WISH_M_S2, traffic_commands.rows] = traffic_commands.acceleration_m_s2
         for row, side in traffic_commands.lane_changes():

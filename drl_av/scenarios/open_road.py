@@ -35,8 +35,9 @@ from drl_av.scenarios.road_description import (
 
 START_M = 300.0
 """Position at which the ego starts on a highway; it is larger than the ego's sensor range."""
-BEYOND_M = 250.0
-"""Length of road with other vehicles beyond the end of the ego's way: the ego's sensor range."""
+BEYOND_M = 305.0
+"""Length of road with other vehicles beyond the end of the ego's way: 250 m, its sensor range;
+30 m, its way in the last decision; and 25 m, half of the two bodies together at most."""
 EGO_DEPARTS_S = 60
 """Time at which the ego enters in the demo traffic, if the other vehicles come as an inflow."""
 TOLERANCE = 1e-6

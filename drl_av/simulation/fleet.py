@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.errors import ConfigError, ScenarioError
-from drl_av.road.road import FloatArray
+from drl_av.road.road import CENTERED_M, FloatArray
 from drl_av.road.snapshot import EGO, EGO_ID
 from drl_av.scenarios.custom_types import draw_types
 from drl_av.scenarios.folder import Scenario
@@ -167,6 +167,7 @@ class Fleet:
         changes = next(self._lane_changes)
         if changes and self._start is not None:
             changes = self._on_open_road(changes, y_m, self._start.lanes)
+        changes = [(row, side) for row, side in changes if self._is_centered(y_m[row])]
         if not self._timed_changes:
             return changes
         due = [(name, to) for at_s, name, to in self._timed_changes if at_s <= time_s]
@@ -175,6 +176,13 @@ class Fleet:
         rows = [(ids.index(name), to) for name, to in due if name in ids]
         set_changes = [(row, to - lane_of(y_m[row])) for row, to in rows]
         return [*changes, *(each for each in set_changes if each[1])]
+
+    def _is_centered(self, y_m: float) -> bool:
+        """Return whether a vehicle may get a random request: not in the middle of a lane change.
+
+        SUMO would continue the lane change into the next lane, even into a vehicle beside it.
+        """
+        return abs(y_m - self._road.center_m(self._road.lane_of(y_m))) <= CENTERED_M
 
     def _on_open_road(
         self, changes: list[tuple[int, int]], y_m: Sequence[float], lanes: Collection[int]

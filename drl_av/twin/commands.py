@@ -15,7 +15,6 @@ from drl_av.twin.worlds import (
     DRIVERS,
     LANE,
     MODEL,
-    ON_REQUEST_ONLY,
     REQUEST_END,
     REQUEST_LANE,
     SIDE,
@@ -68,10 +67,9 @@ def happen(world: World, i: int, event: int) -> None:
 def request_change(world: World, i: int, side: int, steps: int) -> None:
     """Request a lane change, +1 left or -1 right, for so many steps.
 
-    None is requested of one of our drivers that is not centred, as in SUMO.
+    None is requested of a vehicle that is not centred, as in SUMO.
     """
     lane = world.z[LANE, i] + side
-    is_free = not world.z[ON_REQUEST_ONLY, i] or np.abs(world.x[ASIDE_M, i]) <= CENTERED_M
-    if lane >= 0 and is_free:
+    if lane >= 0 and np.abs(world.x[ASIDE_M, i]) <= CENTERED_M:
         world.z[REQUEST_LANE, i] = lane
         world.z[REQUEST_END, i] = world.near[STEP] + steps

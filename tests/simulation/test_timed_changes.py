@@ -68,15 +68,15 @@ def test_a_change_is_due_once_from_its_time_on(tmp_path: Path) -> None:
     assert fleet.lane_changes(60.0, in_lane_1) == [(2, -1)]
 
 
-def test_a_placed_vehicle_leaves_an_open_road_250_m_beyond_its_end(tmp_path: Path) -> None:
-    # it passes 600 m after 4 s and 850 m after 9 s; SUMO's own road ends at 1,100 m
+def test_a_placed_vehicle_leaves_an_open_road_305_m_beyond_its_end(tmp_path: Path) -> None:
+    # it passes 600 m after 4 s and 905 m after 10.2 s; SUMO's own road ends at 1,100 m
     fast = PlacedVehicle("fast", 2, 400.0, 50.0, 50.0)
     mover = replace(MOVER, position_m=300.0, lane_changes=((12.0, 1),))
     road = StraightDescription(length_m=300.0, speed_limit_m_s=60.0, vehicles=(EGO, fast, mover))
     shots = after(tmp_path / "road", road, 16, random_lane_changes_per_s=0.3)
     ids = [shot.ids for shot in shots]
-    assert ids[8] == ("ego", "fast", "mover")
-    assert ids[10:] == [("ego", "mover")] * 7
+    assert ids[10] == ("ego", "fast", "mover")
+    assert ids[11:] == [("ego", "mover")] * 6
     assert shots[-1].s_m[1] > 500.0  # the right vehicle has left
 
 

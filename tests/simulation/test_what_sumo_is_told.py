@@ -14,7 +14,9 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.road.vehicle_types import VEHICLE
 from drl_av.scenarios.custom_types import CustomVehicleType
 from drl_av.scenarios.folder import find_scenario, load_scenario, write_scenario
-from drl_av.scenarios.road_description import ScenarioDescription
+from drl_av.scenarios.highways import StraightDescription
+from drl_av.scenarios.open_road import START_M
+from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
 from drl_av.scenarios.road_types import ROAD_TYPES
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.inflow import Inflow, Last
@@ -95,6 +97,19 @@ def test_random_changes_of_lanes_never_lead_into_the_lane_of_a_ramp(
     assert sides == {1}
 
 
+@pytest.mark.parametrize("kind", ["loop", "straight"])
+def test_only_who_keeps_its_lane_changes_lanes_at_random(kind: str, tmp_path: Path) -> None:
+    # SUMO would let a vehicle between two lanes go on into the next one, in front of others
+    write_scenario(tmp_path / "road", ROAD_TYPES[kind].description())
+    busy = Config().updated("traffic", random_lane_changes_per_s=1.0)
+    fleet = Fleet(load_scenario(tmp_path / "road"), busy)
+    fleet.draw(1, 20)
+    y_m = np.full(len(fleet.ids), 3.8)
+    y_m[1::2] += 0.38  # half a second of a lane change
+    rows = {row for _ in range(50) for row, _ in fleet.lane_changes(0.0, y_m.tolist())}
+    assert rows == set(range(2, len(fleet.ids), 2))
+
+
 def test_a_vehicle_waits_rather_than_enter_slower_than_the_traffic_permits() -> None:
     start, config = ROAD_TYPES["straight"].description().plan().start, Config()
     for rear_m, enters in ((400.0, True), (20.0, False)):
@@ -108,11 +123,26 @@ def test_a_vehicle_waits_rather_than_enter_slower_than_the_traffic_permits() -> 
 
 
 @pytest.mark.parametrize("kind", [name for name in ROAD_TYPES if name not in ("loop", "imported")])
-def test_the_traffic_goes_on_for_the_range_of_the_sensors_behind_the_end_of_the_way(
-    kind: str,
-) -> None:
+def test_the_traffic_goes_on_as_far_as_the_ego_sees_after_its_last_decision(kind: str) -> None:
     plan = ROAD_TYPES[kind].description().plan()
-    assert plan.start.span_m - plan.road.end_m == ObservationConfig().range_m
+    last_m, bodies_m = 30.0, 25.0
+    assert plan.start.span_m - plan.road.end_m == ObservationConfig().range_m + last_m + bodies_m
+
+
+def test_an_ego_that_has_passed_the_end_by_28_m_still_sees_a_vehicle_249_m_ahead(
+    tmp_path: Path,
+) -> None:
+    # both drive 30 m/s for ten decisions; before the last one the ego's centre is 2 m short
+    end_m = START_M + 300.0
+    ego = PlacedVehicle("ego", 1, end_m - 269.5, 30.0, 30.0)
+    other = PlacedVehicle("other", 1, ego.position_m + 254.0, 30.0, 30.0)
+    write_scenario(tmp_path / "road", StraightDescription(length_m=300.0, vehicles=(ego, other)))
+    with closing(HighwayEnv(tmp_path / "road", config={"safety": {"check": "paper"}})) as env:
+        env.reset(seed=1)
+        ends = [env.step(0)[3] for _ in range(10)]
+        assert ends == [False] * 9 + [True]
+        assert env.scene.snapshot.s_m[0] == pytest.approx(end_m + 28.0)
+        assert env.indicators[0] == pytest.approx(249.0, abs=0.1)  # own_front_d_x
 
 
 LORRY = CustomVehicleType(
