@@ -54,8 +54,8 @@ prove: setup
 
 # The shipped driver, trained again (minutes).
 pretrained: setup
-	$(BIN)/drl-av train --config drl_av/pretrained/config.toml --out runs/pretrained
-	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
+	$(BIN)/drl-av train --preset large --out runs/pretrained
+	cd runs/pretrained && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/
 
 # The driver by the paper's whole schedule, trained again (half an hour).
 pretrained-paper: setup
@@ -77,7 +77,6 @@ results: setup
 	$(BIN)/python -m studies --jobs 2
 	$(BIN)/python -m verification.step_lengths --out docs/results/step_length.csv
 	$(BIN)/python -m verification.stories --out docs/results/stories.csv
-	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
 	$(call text,falsified_strict.txt,-m verification.falsify --safety-check strict)
 	$(call text,falsified_paper.txt,-m verification.falsify --safety-check paper)
 	$(call text,proved_strict.txt,-m verification.prove)
