@@ -48,8 +48,8 @@ def lane_change_is_safe(
 ) -> Any:
     """Whether a lane change is safe by rule 3 of the paper.
 
-    Eq. 3 must hold for the vehicle ahead in the own lane, and for those ahead and behind in the
-    target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
+    The gap condition (eq. 3) must hold for the vehicle ahead in the own lane, and for those ahead
+    and behind in the target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
     """
     return (
         gap_condition(*own_front, config)
@@ -125,8 +125,8 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
 def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
     """Whether rule 3 of the paper permits a lane change to the lane with this index.
 
-    Eq. 3 must hold for the vehicle ahead in the ego's lane, and for those ahead and behind in
-    ``lane``.
+    The gap condition (eq. 3) must hold for the vehicle ahead in the ego's lane, and for those ahead
+    and behind in ``lane``.
     """
     sign = lane - affordances.lane
     own_front, front, rear = affordances.own_front, affordances.front(sign), affordances.rear(sign)
