@@ -87,7 +87,7 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
 def _checked_longitudinal(
     scene: Scene, proposed: Longitudinal, config: SafetyConfig
 ) -> tuple[Longitudinal, Rule]:
-    """Return the longitudinal action after rule 1 (eq. 3 and 4), and the rule that replaced it."""
+    """Return the action after rule 1, and its rule: gap condition (eq. 3), safe action (eq. 4)."""
     front = scene.affordances.own_front
     if front is None or front.relative_speed_m_s >= 0:
         return proposed, Rule.NONE
