@@ -33,7 +33,7 @@ CHECKS = {
 }
 """The meaning of each name that ``settings`` takes."""
 REAL = {"braking_m_s2": 9.0, "lateral_speed_m_s": 2.1}
-"""The bounds of real traffic, those of the study ``real_bounds``."""
+"""The bounds of real traffic, those of the study ``strict``."""
 
 
 class Outcome(NamedTuple):

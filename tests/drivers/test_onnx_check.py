@@ -69,8 +69,8 @@ def test_the_file_decides_as_the_driver_under_the_check_on_10_000_observations(
     tmp_path: Path,
 ) -> None:
     file = tmp_path / "driver.onnx"
-    assert main(["export", "pretrained", str(file), "--safety-check", "paper"]) == 0
-    driver, config = load_learned(SHIPPED["pretrained"])
+    assert main(["export", "pretrained-paper", str(file), "--safety-check", "paper"]) == 0
+    driver, config = load_learned(SHIPPED["pretrained-paper"])
     check, changed = Paper(config.safety), 0
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
     session = onnxruntime.InferenceSession(file)
@@ -80,7 +80,7 @@ def test_the_file_decides_as_the_driver_under_the_check_on_10_000_observations(
         executed = check(scene, proposed).action
         assert ACTIONS[action] == executed
         changed += executed != proposed
-    assert changed > 1000
+    assert changed > 500
     assert "passed the check paper" in onnx.load(file).graph.doc_string
 
 
@@ -88,7 +88,7 @@ def test_the_file_decides_as_the_driver_under_the_check_on_10_000_observations(
     ("run", "check", "reason"),
     [
         ("pretrained", "strict", "a file can hold paper only: strict needs all vehicles around"),
-        ("pretrained-large", "paper", "takes the permitted actions as an input"),
+        ("pretrained", "paper", "takes the permitted actions as an input"),
     ],
 )
 def test_a_check_that_the_file_cannot_hold_is_refused(
