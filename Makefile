@@ -14,11 +14,12 @@ setup: .venv/.installed
 	touch $@
 
 demo: setup
-	$(BIN)/drl-av train --preset fast --out $(DEMO)/fast $(if $(wildcard $(DEMO)/fast/config.toml),--resume)
-	$(BIN)/drl-av evaluate $(DEMO)/fast pretrained idm idm-mobil idm-sumo \
+	test -d $(DEMO)/driver || \
+	    $(BIN)/drl-av train --preset large -o ppo.decisions=3000000 --out $(DEMO)/driver
+	$(BIN)/drl-av evaluate $(DEMO)/driver pretrained gap-mobil idm-mobil \
 	    --vehicles $(DENSITIES) --episodes 20 --jobs 2 --out $(DEMO)/evaluation.csv
-	$(BIN)/drl-av figures $(DEMO)/evaluation.csv $(DEMO)/fast --out $(DEMO)
-	$(BIN)/drl-av replay $(DEMO)/fast --vehicles 15 --seed 1 --decisions 60 --video $(DEMO)/drive.mp4
+	$(BIN)/drl-av figures $(DEMO)/evaluation.csv --out $(DEMO)
+	$(BIN)/drl-av replay $(DEMO)/driver --vehicles 15 --seed 10 --decisions 60 --video $(DEMO)/drive.mp4
 	@echo "See $(DEMO)/mean_speed.png and $(DEMO)/drive.mp4"
 
 lint: setup

@@ -30,7 +30,16 @@ FIGURES = {
     "7": ("prioritized",),
     "8": ("adaptation",),
 }
-SOURCES = ("README.md", "CHANGELOG.md", "docs", "drl_av", "studies", "verification", "examples")
+SOURCES = (
+    "README.md",
+    "CHANGELOG.md",
+    "docs",
+    "drl_av",
+    "studies",
+    "verification",
+    "examples",
+    "tests/oracles",
+)
 NEAR = 130
 """Characters before and after a number in which a word must stand."""
 

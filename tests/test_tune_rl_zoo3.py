@@ -39,7 +39,7 @@ def test_the_best_trials_are_trained_again_beside_the_values_by_hand_and_the_def
         ("2", "-0.1000"),
     ]
     rows = [line.split() for line in again.splitlines()[2:-1]]
-    assert rows[0] == ["pretrained", "-0.5000", "20.00", "0"]
+    assert rows[0] == ["pretrained-paper", "-0.5000", "20.00", "0"]
     names = ["defaults", "by hand", "trial 2", "trial 0"]  # the best first, trial 1 not at all
     assert [" ".join(row[:-4]) for row in rows[1:]] == names * 3
     assert [row[-4] for row in rows[1:]] == ["1"] * 4 + ["2"] * 4 + ["mean"] * 4

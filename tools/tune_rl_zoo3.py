@@ -83,12 +83,12 @@ def train(settings: Mapping[str, Any], seed: int, decisions: int) -> DQN:
 def rate(traffic: int, episodes: int, agent: DQN | None = None) -> Rating:
     """Drive ``episodes`` episodes at each number of vehicles, from the seed ``traffic`` on.
 
-    The shipped driver drives if there is no agent. Both drive under the check ``paper``.
+    The paper's own driver drives if there is no agent. Both drive under the check ``paper``.
     """
     own = {}
     if agent is not None:
         own["agent"] = PolicyDriver(lambda seen: agent.predict(seen, deterministic=True)[0])
-    drivers = () if own else "pretrained"
+    drivers = () if own else "pretrained-paper"
     rows = drl_av.evaluate(
         drivers, own=own, vehicles=VEHICLES, episodes=episodes, seed=traffic, safety_check="paper"
     )
@@ -135,7 +135,7 @@ def main() -> None:
     rivals: dict[str, dict[str, Any]] = {"defaults": {}, "by hand": BY_HAND}
     rivals |= {f"trial {number}": BY_HAND | drawn[number] for number in again}
     print("\ntrained again, 30 episodes each\nsettings    seed  reward  m/s    hit")
-    print_row("pretrained", "", rate(FINAL_TRAFFIC, 10))
+    print_row("pretrained-paper", "", rate(FINAL_TRAFFIC, 10))
     ratings: dict[str, list[Rating]] = {name: [] for name in rivals}
     for seed in range(1, options.trainings + 1):
         for name, settings in rivals.items():

@@ -26,7 +26,7 @@ from drl_av.safety.check import SafetyCheck
 from drl_av.safety.reachability import STILL_M_S, StrictNumbers, lanes_under, lateral_extent
 from drl_av.safety.stopping import cut_in_gap, stopping_distance
 from verification.ego_in_scenes import judge, plan_all
-from verification.integration import Integration
+from verification.euler import Integration
 from verification.separation import barrier_separation, swept_separation
 
 IntArray = npt.NDArray[np.int64]

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.road.road import FloatArray
-from verification.crash_tests import CHECKS, Outcome, run, settings
+from verification.crash_simulation import CHECKS, Outcome, run, settings
 from verification.naturalistic import ADVERSARY, CARELESS_SHARE, PEOPLE
 from verification.program import Program, run_program
 

@@ -32,10 +32,10 @@ from drl_av.road.snapshot import Collision
 from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
 from verification.adversary import BatchCheck, BatchStrict, Mover, one_by_one
+from verification.euler import Integration
 from verification.falsification import Tally, genes, orders, play, scripted
 from verification.falsification import search as learn
 from verification.families import CONSTANT_SPEED, FAMILIES, PLACED
-from verification.integration import Integration
 from verification.open_families import OPEN_FAMILIES
 from verification.program import Program, run_program
 

@@ -21,7 +21,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
-from drl_av.scenarios.custom_types import CAR_FOLLOWING_MODELS, CustomVehicleType
+from drl_av.scenarios.custom_vehicle_types import CAR_FOLLOWING_MODELS, CustomVehicleType
 from drl_av.scenarios.folder import find_scenario, shipped_scenarios, write_scenario
 from drl_av.scenarios.road_description import BOUNDS, PlacedVehicle
 from drl_av.scenarios.road_types import ROAD_TYPES

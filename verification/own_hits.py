@@ -22,7 +22,7 @@ import numpy as np
 from drl_av.road.road import FloatArray
 from verification.adversary import ROAD, BoolArray, World
 from verification.crash_rate import Rate, add_careless, exact_share
-from verification.crash_tests import CHECKS, SECONDS, Outcome, run, settings
+from verification.crash_simulation import CHECKS, SECONDS, Outcome, run, settings
 from verification.naturalistic import (
     ADVERSARY,
     CARELESS_SHARE,

@@ -14,6 +14,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="folder of a run, its policy.safetensors, or pretrained (the shipped driver)",
     )
     parser.add_argument("out", type=Path, metavar="FILE.onnx", help="file to write")
+    parser.add_argument(
+        "--safety-check",
+        metavar="NAME",
+        help="paper: the file also holds this check, and its action has passed it (default: none)",
+    )
     parser.epilog = described()
 
 
@@ -31,6 +36,11 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.files import require_suffix, require_writable
     from drl_av.scenarios.folder import find_scenario, load_scenario
 
+    if (check := options.safety_check) not in (None, "paper"):
+        raise ConfigError(
+            f"--safety-check is {check}, but a file can hold paper only: strict needs all vehicles "
+            "around, of which the indicators hold the nearest six."
+        )
     require_suffix(options.out, ".onnx")
     require_writable(options.out, inputs=[options.run])
     if options.run in RULE_DRIVERS or is_factory(options.run):
@@ -40,13 +50,18 @@ def export(options: argparse.Namespace) -> int:
         )
     run = SHIPPED.get(options.run, Path(options.run))
     if is_actor(file := find_policy(run)):
+        if check:
+            raise ConfigError(
+                f"{options.run} takes the permitted actions as an input: export it without "
+                "--safety-check."
+            )
         for name, meaning in export_actor(options.out, *load_actor(file)).items():
             print(f"{options.out}: {name}, {meaning}")
         return 0
     networks, config = load_run(run)
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-    write(options.out, networks, config, scale)
+    write(options.out, networks, config, scale, road.lane_width_m if check else None)
     for kind, ports in (("input", INPUTS), ("output", OUTPUTS)):
         for port in ports:
             shape = ", ".join(map(str, port.shape))

@@ -10,7 +10,7 @@ from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, preset
 from drl_av.config.reference import SECTIONS, annotated_toml
-from drl_av.config.road import WORLDS
+from drl_av.config.simulation import WORLDS
 from drl_av.drivers.agent import UNPICKLED
 from drl_av.drivers.registry import driver_names
 from drl_av.errors import ConfigError, ScenarioError

@@ -21,9 +21,9 @@ from drl_av.config.ego import EgoConfig, ObservationConfig
 from drl_av.config.learning import REPLAYS, LearningConfig
 from drl_av.config.ppo import PpoConfig
 from drl_av.config.reward import DESIRED_VALUES, RewardConfig
-from drl_av.config.road import SimulationConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
 from drl_av.config.schema import did_you_mean
+from drl_av.config.simulation import SimulationConfig
 from drl_av.config.traffic import SINGLE_PRESETS, TRAFFIC_PRESETS, TrafficConfig, traffic_preset
 from drl_av.errors import ConfigError
 

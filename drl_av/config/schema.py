@@ -5,6 +5,7 @@ import inspect
 import math
 import re
 import sys
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import field, fields
 from pathlib import PurePath
@@ -43,9 +44,12 @@ def meanings(described: type) -> dict[str, Meaning]:
     """Return the meaning of each setting of a class, by name.
 
     The docstrings of the class and of its base classes have a line ``NAME: MEANING (SOURCE)`` for
-    each, which goes on in lines that are indented.
+    each, which goes on in lines that are indented. Under ``python -OO``, which drops
+    docstrings, every meaning is empty.
     """
     found: dict[str, Meaning] = {}
+    if sys.flags.optimize > 1:
+        found = defaultdict(lambda: Meaning("", ""))
     for kind in described.__mro__:
         text = re.sub(r"\n +", " ", inspect.cleandoc(kind.__doc__ or ""))
         for name, meaning, source in re.findall(r"^(\w+): (.*) \(([^()]*)\)$", text, re.MULTILINE):

@@ -17,6 +17,7 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import margin_penalties
 from drl_av.drivers.network import LEAK, Float32Array, QNetwork
+from drl_av.drivers.onnx_graph import Graph, checked_by_paper
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.mirror import MIRROR
@@ -107,37 +108,20 @@ def metadata(config: Config) -> dict[str, str]:
 OPSET = 17
 
 
-class _Graph:
-    """Collects the nodes and constants of an ONNX graph, and generates their names."""
-
-    def __init__(self) -> None:
-        import onnx
-
-        self._onnx = onnx
-        self.nodes: list[Any] = []
-        self.constants: list[Any] = []
-
-    def constant(self, values: object) -> str:
-        """Add the array ``values`` to the graph as a constant, and return its generated name."""
-        name = f"constant_{len(self.constants)}"
-        self.constants.append(self._onnx.numpy_helper.from_array(np.asarray(values), name))
-        return name
-
-    def add(self, kind: str, *inputs: str, name: str | None = None, **attributes: Any) -> str:
-        """Add a node of the operator ``kind`` with one output, and return the output's name."""
-        output = name or f"{kind.lower()}_{len(self.nodes)}"
-        self.nodes.append(self._onnx.helper.make_node(kind, inputs, [output], **attributes))
-        return output
-
-
 def export(
-    path: Path, networks: Sequence[QNetwork], config: Config, scale: ObservationScale
+    path: Path,
+    networks: Sequence[QNetwork],
+    config: Config,
+    scale: ObservationScale,
+    lane_width_m: float | None = None,
 ) -> None:
     """Write the driver of trained networks to an ONNX file, with the package onnx.
 
-    ``INPUTS``, ``OUTPUTS`` and ``metadata`` describe the file.
+    ``INPUTS``, ``OUTPUTS`` and ``metadata`` describe the file. With ``lane_width_m``, the width of
+    the lanes, the action is the one that the check ``paper`` executes.
 
     Raises:
+        ConfigError: as ``checked_by_paper``.
         DrlAvError: onnx is not installed, ``observation.way`` or ``learning.permitted_only`` is on
             (not supported), or the file cannot be written.
     """
@@ -157,21 +141,28 @@ def export(
         raise DrlAvError(
             "The export needs the package onnx, which is not installed: pip install 'drl-av[onnx]'."
         ) from error
-    graph = _Graph()
+    graph = Graph()
     s = _scaled(graph, scale)
     members = [_values(graph, network, s, config.learning.mirrored) for network in networks]
     total = members[0]
     for member in members[1:]:
         total = graph.add("Add", total, member)
     q = graph.add("Div", total, graph.constant(np.float32(len(members))), name="q")
-    _chosen(graph, q, margin_penalties(config.learning.lane_change_margin))
+    penalties, inside = margin_penalties(config.learning.lane_change_margin), INSIDE
+    if lane_width_m is None:
+        _chosen(graph, q, penalties, "action")
+    else:
+        inside = inside.replace("It has no safety check", "The action has passed the check paper")
+        proposed = _chosen(graph, q, penalties, "proposed")
+        given = proposed, INDICATORS_INPUT, LANE_CHANGE_INPUT
+        checked_by_paper(graph, *given, config, lane_width_m)
     helper, inputs, outputs = onnx.helper, *(_described(ports) for ports in (INPUTS, OUTPUTS))
     made = helper.make_graph(
-        graph.nodes, "drl_av_driver", inputs, outputs, graph.constants, doc_string=INSIDE
+        graph.nodes, "drl_av_driver", inputs, outputs, graph.constants, doc_string=inside
     )
     model = helper.make_model(made, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=8)
     model.producer_name = "drl-av"
-    model.doc_string = INSIDE
+    model.doc_string = inside
     for key, value in metadata(config).items():
         model.metadata_props.add(key=key, value=value)
     onnx.checker.check_model(model, full_check=True)
@@ -193,7 +184,7 @@ def _described(ports: Sequence[Port]) -> list[Any]:
     ]
 
 
-def _scaled(graph: _Graph, scale: ObservationScale) -> str:
+def _scaled(graph: Graph, scale: ObservationScale) -> str:
     """Add nodes that scale the indicators like ``ObservationScale``; return the output's name."""
     shifted = graph.add("Sub", INDICATORS_INPUT, graph.constant(scale.offset))
     exact = graph.add("Div", shifted, graph.constant(scale.scale))
@@ -202,7 +193,7 @@ def _scaled(graph: _Graph, scale: ObservationScale) -> str:
     return graph.add("Min", s, graph.constant(scale.bounds))
 
 
-def _values(graph: _Graph, network: QNetwork, s: str, mirrored: bool) -> str:
+def _values(graph: Graph, network: QNetwork, s: str, mirrored: bool) -> str:
     """Add nodes that compute Q(s, .), or its mean over both mirror images; return their output."""
     layers = [tuple(map(graph.constant, layer)) for layer in network.layers]
     q = _forward(graph, layers, s)
@@ -215,7 +206,7 @@ def _values(graph: _Graph, network: QNetwork, s: str, mirrored: bool) -> str:
     return graph.add("Mul", graph.add("Add", q, other), graph.constant(np.float32(0.5)))
 
 
-def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
+def _forward(graph: Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
     for number, (weight, bias) in enumerate(layers):
         s = graph.add("Gemm", s, weight, bias, transB=1)
         if number < len(layers) - 1:
@@ -223,12 +214,12 @@ def _forward(graph: _Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
     return s
 
 
-def _chosen(graph: _Graph, q: str, penalties: Float32Array) -> None:
-    """Add nodes that choose the action as ``LearnedDriver.act`` does; the output is ``action``."""
+def _chosen(graph: Graph, q: str, penalties: Float32Array, name: str) -> str:
+    """Add nodes that choose the action as ``LearnedDriver.act`` does; return the output's name."""
     began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
     lost = (graph.constant(values) for values in (np.zeros_like(penalties), penalties))
     worth = graph.add("Sub", q, graph.add("Where", began, *lost))
-    graph.add("ArgMax", worth, name="action", axis=1, keepdims=0)
+    return graph.add("ArgMax", worth, name=name, axis=1, keepdims=0)
 
 
 LONGEST_RUN_S = 10.0

@@ -112,6 +112,11 @@ def task_of(scenario: Scenario, config: Config) -> Task:
     """
     road, loop = scenario.road, loop_of(scenario, config)
     named_check(config, scenario.vehicle_types, road)  # refuses what it must
+    if config.safety.check not in CHECK_NUMBERS:
+        raise ConfigError(
+            f"The twin has the checks {', '.join(CHECK_NUMBERS)}, but not {config.safety.check}: "
+            "name one of them, or drive in SUMO, with gymnasium.make."
+        )
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
     if config.observation.way:
         raise ConfigError(

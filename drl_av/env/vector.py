@@ -20,6 +20,7 @@ from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.twin_episodes import (
+    CHECK_NUMBERS,
     decide_all,
     empty_episodes,
     look_all,
@@ -29,7 +30,6 @@ from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT
-from drl_av.safety import CHECKS
 from drl_av.safety.check import RULES
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.twin.following import STEP_S
@@ -84,7 +84,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             if not isinstance(safety_check, str):
                 raise ConfigError(
                     "safety_check is a function, but the twin has the named checks only "
-                    f"({', '.join(CHECKS)}): name one, or take gymnasium.make."
+                    f"({', '.join(CHECK_NUMBERS)}): name one, or take gymnasium.make."
                 )
             config = config.updated("safety", check=safety_check)
         self.config = config

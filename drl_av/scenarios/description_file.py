@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
-from drl_av.scenarios.custom_types import CustomVehicleType
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.road_description import (
     FILES,
     TYPES,

@@ -13,7 +13,7 @@ from drl_av.files import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types
 from drl_av.scenarios import folder_files
-from drl_av.scenarios.custom_types import CustomVehicleType
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE

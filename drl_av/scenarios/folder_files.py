@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drl_av.config import TrafficConfig
 from drl_av.road.vehicle_types import VEHICLE, type_attributes
-from drl_av.scenarios.custom_types import CustomVehicleType
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.loop import BARRICADES_FILE
 from drl_av.scenarios.netconvert import DEMO_END_S, NETWORK_FILE, xml_text
 from drl_av.scenarios.road_description import RoadDescription

@@ -7,17 +7,14 @@ from collections import defaultdict
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import Road
 from drl_av.scenarios.layout import Layout, RoadType
-from drl_av.scenarios.netconvert import (
-    DEMO_END_S,
-    EDGES,
-    edge_lengths_m,
-    network_text,
-    point,
-    vehicle_element,
-)
+from drl_av.scenarios.netconvert import DEMO_END_S, PRECISION, netconvert, vehicle_element
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, longest_m
 
 BARRICADES_FILE = "barricades.add.xml"
+EDGES = 4
+"""Number of edges of a loop."""
+CHORD_M = 6.0
+"""Largest length of the straight pieces that approximate the circle."""
 TOLERANCE = 1e-6
 SUMO_LANE_WIDTH_M = "3.2"
 """The width that SUMO gives a lane without a width attribute."""
@@ -29,6 +26,66 @@ DEMO_START_SPEED_M_S = 15.0
 BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
 PAVEMENT_COLOR = "70,70,70"
 BLOCK_COLORS = ("190,190,190", "220,90,30")
+
+
+def edge_lengths_m(circumference_m: float) -> tuple[float, ...]:
+    """Return the lengths of a loop's edges; they are equal, but the last absorbs the rounding."""
+    length_m = round(circumference_m / EDGES, PRECISION)
+    last_m = round(circumference_m - (EDGES - 1) * length_m, PRECISION)
+    return (*[length_m] * (EDGES - 1), last_m)
+
+
+def point(radius_m: float, turn: float) -> str:
+    """Return the text ``x,y`` of a point on a circle around the origin, metres.
+
+    ``turn`` is its counter-clockwise angle as a fraction of a full turn; 0 is on the x axis.
+    """
+    angle = 2 * math.pi * turn
+    x, y = radius_m * math.cos(angle), radius_m * math.sin(angle)
+    return f"{x + 0.0:.{PRECISION}f},{y + 0.0:.{PRECISION}f}".replace("-0.000000", "0.000000")
+
+
+def network_text(description: ScenarioDescription) -> str:
+    """Return the text of a loop's network file: four edges without junction lanes between them.
+
+    Raises:
+        ScenarioError: netconvert refuses the description.
+        SimulationError: netconvert cannot be run.
+    """
+    return netconvert({"node": _nodes(description), "edge": _edges(description)})
+
+
+def _nodes(description: ScenarioDescription) -> ET.Element:
+    """Return netconvert's input with the nodes of a loop."""
+    radius_m = description.circumference_m / (2 * math.pi)
+    root = ET.Element("nodes")
+    for i in range(EDGES):
+        x, y = point(radius_m, i / EDGES).split(",")
+        ET.SubElement(root, "node", id=f"n{i}", x=x, y=y, type="priority")
+    return root
+
+
+def _edges(description: ScenarioDescription) -> ET.Element:
+    """Return netconvert's input with the edges of a loop, their shapes and barricaded lanes."""
+    radius_m = description.circumference_m / (2 * math.pi)
+    pieces = math.ceil(description.circumference_m / EDGES / CHORD_M)
+    root = ET.Element("edges")
+    for i, length_m in enumerate(edge_lengths_m(description.circumference_m)):
+        turns = [(i + k / pieces) / EDGES for k in range(pieces + 1)]
+        edge = ET.SubElement(
+            root,
+            "edge",
+            {"id": f"e{i}", "from": f"n{i}", "to": f"n{(i + 1) % EDGES}"},
+            numLanes=str(description.lanes),
+            speed=repr(description.speed_limit_m_s),
+            width=repr(description.lane_width_m),
+            length=repr(length_m),
+            spreadType="center",
+            shape=" ".join(point(radius_m, turn) for turn in turns),
+        )
+        for lane in description.barricaded_lanes:
+            ET.SubElement(edge, "lane", index=str(lane), disallow="all")
+    return root
 
 
 def additional(description: ScenarioDescription) -> dict[str, ET.Element]:

@@ -1,6 +1,5 @@
-"""Writes the road of a scenario as a SUMO network file, built by netconvert."""
+"""Runs netconvert, which builds SUMO's network files, and writes XML."""
 
-import math
 import os
 import re
 import subprocess
@@ -10,36 +9,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drl_av.errors import ScenarioError, SimulationError
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.sumo_programs import missing_library, program
 
 NETWORK_FILE = "highway.net.xml"
 """Name of the network file in a scenario folder."""
 DEMO_END_S = 3600
 """Time at which the demo traffic ends."""
-EDGES = 4
-"""Number of edges of a loop."""
-CHORD_M = 6.0
-"""Largest length of the straight pieces that approximate the circle."""
 PRECISION = 6
 """Decimals of every length and coordinate in the network file."""
-
-
-def edge_lengths_m(circumference_m: float) -> tuple[float, ...]:
-    """Return the lengths of a loop's edges; they are equal, but the last absorbs the rounding."""
-    length_m = round(circumference_m / EDGES, PRECISION)
-    last_m = round(circumference_m - (EDGES - 1) * length_m, PRECISION)
-    return (*[length_m] * (EDGES - 1), last_m)
-
-
-def point(radius_m: float, turn: float) -> str:
-    """Return the text ``x,y`` of a point on a circle around the origin, metres.
-
-    ``turn`` is its counter-clockwise angle as a fraction of a full turn; 0 is on the x axis.
-    """
-    angle = 2 * math.pi * turn
-    x, y = radius_m * math.cos(angle), radius_m * math.sin(angle)
-    return f"{x + 0.0:.{PRECISION}f},{y + 0.0:.{PRECISION}f}".replace("-0.000000", "0.000000")
 
 
 def xml_text(root: ET.Element) -> str:
@@ -73,16 +51,6 @@ def vehicle_element(
     )
 
 
-def network_text(description: ScenarioDescription) -> str:
-    """Return the text of a loop's network file: four edges without junction lanes between them.
-
-    Raises:
-        ScenarioError: netconvert refuses the description.
-        SimulationError: netconvert cannot be run.
-    """
-    return netconvert({"node": _nodes(description), "edge": _edges(description)})
-
-
 def netconvert(parts: Mapping[str, ET.Element]) -> str:
     """Return the text of the network file that netconvert builds from its inputs.
 
@@ -101,39 +69,6 @@ def netconvert(parts: Mapping[str, ET.Element]) -> str:
         _run_netconvert(arguments, network)
         text = network.read_text(encoding="utf-8")
     return re.sub(r"<!-- generated on .*?-->\s*", "", text, count=1, flags=re.DOTALL)
-
-
-def _nodes(description: ScenarioDescription) -> ET.Element:
-    """Return netconvert's input with the nodes of a loop."""
-    radius_m = description.circumference_m / (2 * math.pi)
-    root = ET.Element("nodes")
-    for i in range(EDGES):
-        x, y = point(radius_m, i / EDGES).split(",")
-        ET.SubElement(root, "node", id=f"n{i}", x=x, y=y, type="priority")
-    return root
-
-
-def _edges(description: ScenarioDescription) -> ET.Element:
-    """Return netconvert's input with the edges of a loop, their shapes and barricaded lanes."""
-    radius_m = description.circumference_m / (2 * math.pi)
-    pieces = math.ceil(description.circumference_m / EDGES / CHORD_M)
-    root = ET.Element("edges")
-    for i, length_m in enumerate(edge_lengths_m(description.circumference_m)):
-        turns = [(i + k / pieces) / EDGES for k in range(pieces + 1)]
-        edge = ET.SubElement(
-            root,
-            "edge",
-            {"id": f"e{i}", "from": f"n{i}", "to": f"n{(i + 1) % EDGES}"},
-            numLanes=str(description.lanes),
-            speed=repr(description.speed_limit_m_s),
-            width=repr(description.lane_width_m),
-            length=repr(length_m),
-            spreadType="center",
-            shape=" ".join(point(radius_m, turn) for turn in turns),
-        )
-        for lane in description.barricaded_lanes:
-            ET.SubElement(edge, "lane", index=str(lane), disallow="all")
-    return root
 
 
 def _run_netconvert(files: Sequence[str], network: Path) -> None:

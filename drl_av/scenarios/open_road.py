@@ -10,7 +10,7 @@ from drl_av.config import TrafficConfig
 from drl_av.config.schema import setting
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import EGO_ID
-from drl_av.scenarios.custom_types import CustomVehicleType
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.layout import (
     Edge,
     Layout,

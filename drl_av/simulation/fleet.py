@@ -12,7 +12,7 @@ from drl_av.config import Config
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.road.road import CENTERED_M, FloatArray
 from drl_av.road.snapshot import EGO, EGO_ID
-from drl_av.scenarios.custom_types import draw_types
+from drl_av.scenarios.custom_vehicle_types import draw_types
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.highways import require_reachable
 from drl_av.scenarios.layout import OpenStart

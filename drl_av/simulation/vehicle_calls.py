@@ -1,4 +1,4 @@
-"""All calls on a vehicle of SUMO: it is added, commanded, handed over, read and removed."""
+"""Calls on the vehicles of SUMO: they are added, commanded, handed over, read and removed."""
 
 import struct
 from collections.abc import Callable, Sequence

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
+from programs import python
 
 from drl_av.cli import main
 from drl_av.config import Config, from_toml
@@ -105,3 +106,9 @@ def test_the_verb_prints_one_section_of_a_preset_under_a_file(
 def test_a_misspelt_section_is_refused_with_the_nearest() -> None:
     with pytest.raises(ConfigError, match=r"no section 'trafic' .did you mean 'traffic'"):
         annotated_toml(Config(), "trafic")
+
+
+def test_without_docstrings_the_settings_are_listed_without_meanings() -> None:
+    plain = python("-OO", "-m", "drl_av", "config", "reward")
+    assert plain.returncode == 0, plain.stderr
+    assert from_toml(plain.stdout) == Config()

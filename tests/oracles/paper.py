@@ -17,7 +17,7 @@ def closing_speed(front: Neighbor) -> float:
 
 
 def time_to_collision(gap_m: float, closing_m_s: float) -> float:
-    """Return the time to collision, T_C of eq. 3 of the paper: gap / closing speed, seconds.
+    """Return the time to collision, T_C of eq. 4 of the paper: gap / closing speed, seconds.
 
     ``closing_m_s`` is positive if the gap shrinks; otherwise the result is inf.
     """
@@ -36,7 +36,7 @@ ABSENT = Approach(math.inf, 0.0)
 
 
 def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
-    """Whether eq. 2 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
+    """Whether eq. 3 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
 
     ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
     """
@@ -48,8 +48,8 @@ def lane_change_is_safe(
 ) -> Any:
     """Whether a lane change is safe by rule 3 of the paper.
 
-    Eq. 2 must hold for the vehicle ahead in the own lane, and for those ahead and behind in the
-    target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
+    The gap condition (eq. 3) must hold for the vehicle ahead in the own lane, and for those ahead
+    and behind in the target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
     """
     return (
         gap_condition(*own_front, config)
@@ -59,7 +59,7 @@ def lane_change_is_safe(
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
-    """Return the action that eq. 3 of the paper demands: hard brake, brake, or maintain.
+    """Return the action that eq. 4 of the paper demands: hard brake, brake, or maintain.
 
     ``ttc_s`` is the time to collision with the vehicle ahead.
     """
@@ -74,7 +74,7 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
     """Return the verdict of the three rules of Sec. III on the proposed action.
 
     The ego may still collide: see docs/safety.md. We decide two cases that the paper leaves open.
-    Rule 1 permits a proposal that brakes at least as hard as eq. 3 demands. If rule 3 permits the
+    Rule 1 permits a proposal that brakes at least as hard as eq. 4 demands. If rule 3 permits the
     ego neither to continue nor to abort a lane change, the ego moves to the lane that contains its
     centre. The settings ``printed_rule_1`` and ``printed_rule_3`` apply the rules as printed.
     """
@@ -87,7 +87,7 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
 def _checked_longitudinal(
     scene: Scene, proposed: Longitudinal, config: SafetyConfig
 ) -> tuple[Longitudinal, Rule]:
-    """Return the longitudinal action after rule 1 (eq. 2 and 3), and the rule that replaced it."""
+    """Return the action after rule 1, and its rule: gap condition (eq. 3), safe action (eq. 4)."""
     front = scene.affordances.own_front
     if front is None or front.relative_speed_m_s >= 0:
         return proposed, Rule.NONE
@@ -125,8 +125,8 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
 def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
     """Whether rule 3 of the paper permits a lane change to the lane with this index.
 
-    Eq. 2 must hold for the vehicle ahead in the ego's lane, and for those ahead and behind in
-    ``lane``.
+    The gap condition (eq. 3) must hold for the vehicle ahead in the ego's lane, and for those ahead
+    and behind in ``lane``.
     """
     sign = lane - affordances.lane
     own_front, front, rear = affordances.own_front, affordances.front(sign), affordances.rear(sign)

@@ -178,7 +178,7 @@ def reference_speeds(
     """
     if ego.longitudinal_reference == "acceleration" or action >= Longitudinal.BRAKE:
         speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
-        acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 4 of the paper
+        acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 5 of the paper
         steps = range(1, simulation.steps_per_decision + 1)
         return [
             min(max(speed + acceleration * step * step_s, 0.0), ego.max_speed_m_s) for step in steps
@@ -262,7 +262,7 @@ def _kinematic(
     ego: EgoConfig,
     step_s: float,
 ) -> Sideways:
-    """Move the ego at one lane width per T_LC towards the target lane (eq. 5 of the paper)."""
+    """Move the ego at one lane width per T_LC towards the target lane (eq. 6 of the paper)."""
     target_m = lane_change.target * lane_width_m
     rate_m_s = lane_width_m / ego.lane_change_duration_s
     stride_m = rate_m_s * step_s

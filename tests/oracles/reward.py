@@ -10,17 +10,17 @@ from oracles.paper import lane_is_clear
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
-    """Return r_v (eq. 6 of the paper): 0 at the desired speed, and down to -1 far from it."""
+    """Return r_v (eq. 7 of the paper): 0 at the desired speed, and down to -1 far from it."""
     return math.exp(-((speed_m_s - desired_m_s) ** 2) / 10) - 1
 
 
 def lateral_reward(lateral_m: float, desired_m: float) -> float:
-    """Return r_y (eq. 7 of the paper): 0 at the desired position, and down to -1 far from it."""
+    """Return r_y (eq. 8 of the paper): 0 at the desired position, and down to -1 far from it."""
     return math.exp(-((lateral_m - desired_m) ** 2) / 10) - 1
 
 
 def gap_reward(gap_m: float, safe_gap_m: float) -> float:
-    """Return r_x (eq. 8 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
+    """Return r_x (eq. 9 of the paper): 0 if the gap is at least d_safe, and down to -1 below."""
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-((gap_m - safe_gap_m) ** 2) / (10 * safe_gap_m)) - 1

@@ -18,6 +18,7 @@ from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.layout import along as along_line
+from drl_av.scenarios.open_road import BEYOND_M
 
 BEGINS_M, EXIT_M = 1004.0, 1280.65
 """Where the exit's lane begins and parts: SUMO's lengths of e0 and e1 and of the lanes after them.
@@ -61,7 +62,7 @@ def test_the_lane_of_the_exit_begins_on_the_way_and_parts_at_the_exit(folder: Pa
     assert layout.lane_positions["e1.through_0"] == (1, EXIT_M)
     assert start is not None
     assert (start.lanes, start.ego_lane, start.ego_front_m) == ((1, 2, 3), None, 300.0)
-    assert start.span_m == EXIT_M + 350.0
+    assert start.span_m == EXIT_M + 100.0 + BEYOND_M
     assert start.speed_limits == ((0.0, BEGINS_M, 40.0), (BEGINS_M, OPEN_LAP_M, 36.0))
     # the exit's lane begins beside e1 and leads to off
     assert road.speed_limits[0] == ((BEGINS_M, EXIT_M, 36.0), (EXIT_M, OPEN_LAP_M, 32.0))

@@ -15,7 +15,7 @@ from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.random_streams import Stream, generator
-from drl_av.scenarios.custom_types import CustomVehicleType, draw_types
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, draw_types
 from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.highways import StraightDescription

@@ -12,7 +12,7 @@ import pytest
 from drl_av.config import Config, ObservationConfig
 from drl_av.env.highway import HighwayEnv
 from drl_av.road.vehicle_types import VEHICLE
-from drl_av.scenarios.custom_types import CustomVehicleType
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.folder import find_scenario, load_scenario, write_scenario
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.scenarios.open_road import START_M

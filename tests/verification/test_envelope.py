@@ -11,10 +11,10 @@ import pytest
 from drl_av.config import Config
 from drl_av.safety import named_check
 from verification.adversary import Mover, one_by_one
+from verification.euler import Integration
 from verification.falsification import DECISIONS, play, scripted
 from verification.falsify import envelope
 from verification.families import CONSTANT_SPEED, PLACED
-from verification.integration import Integration
 
 PLANTS = [(1.0, Integration.EXPLICIT)]
 PLANTS += [(s, how) for s in (1.0, 0.5, 0.1) for how in (Integration.EULER, Integration.BALLISTIC)]

@@ -10,7 +10,7 @@ from drl_av.driving.car_following import idm_acceleration
 from verification import crash_table, crash_tests
 from verification.adversary import LENGTH_M, World
 from verification.crash_rate import exact_share, rate, report
-from verification.crash_tests import run, settings
+from verification.crash_simulation import run, settings
 from verification.families import needed_gap, placed
 from verification.naturalistic import (
     ADVERSARY,

@@ -7,7 +7,7 @@ import pytest
 
 from verification import own_hits
 from verification.adversary import World
-from verification.crash_tests import SECONDS, settings
+from verification.crash_simulation import SECONDS, settings
 from verification.naturalistic import PEOPLE, Traffic, starts
 from verification.own_hits import SHARE, Approaching, Keeping, hits, tries
 

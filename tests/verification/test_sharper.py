@@ -5,7 +5,7 @@ import pytest
 
 from drl_av.config import Config
 from verification.adversary import BatchStrict, World
-from verification.crash_tests import SECONDS, Outcome
+from verification.crash_simulation import SECONDS, Outcome
 from verification.families import placed
 from verification.sharper import Optimist, nothing, row
 

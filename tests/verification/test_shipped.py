@@ -13,7 +13,7 @@ from shown import ROOT, read
 from drl_av.errors import ConfigError
 from studies.study import with_check
 from verification import crash_rate, falsify
-from verification.crash_tests import SECONDS, drivers, run, settings
+from verification.crash_simulation import SECONDS, drivers, run, settings
 from verification.naturalistic import PEOPLE
 
 SHIPPED = tomllib.loads(read("pyproject.toml"))["tool"]["setuptools"]["py-modules"]

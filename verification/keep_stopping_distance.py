@@ -1,6 +1,6 @@
 """Measures what ``traffic.keep_stopping_distance`` costs the traffic, and what it prevents.
 
-    python -m verification.stopping_distance --episodes 20 --vehicles 5 10 20 30 40
+    python -m verification.keep_stopping_distance --episodes 20 --vehicles 5 10 20 30 40
 
 Each episode is driven twice, with the same seed: once as SUMO's IDM alone drives, and once with
 vehicles that stay slow enough to stop behind the vehicle ahead. In the first table SUMO drives the
