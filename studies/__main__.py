@@ -149,7 +149,7 @@ def _make(study: Study, options: Options, bar: Bar) -> None:
         bar.say(f"{path}: {pluralize(done, 'episode')} more")
     else:
         bar.say(
-            f"{path} is complete: nothing was driven. A quick form in a folder of its own: "
+            f"{path} is complete: nothing was driven; for a quick form in a folder of its own: "
             f"python -m studies {study.name} --quick"
         )
     for figure in draw(study, options.out):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 REPORT_EVERY_S = 60.0
 """Time between two lines of progress if the output is not a terminal."""
-WIDTH = 110
+WIDTH = 80
 """Width of a table in characters if the output is not a terminal."""
 
 

@@ -49,7 +49,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "runs",
         nargs="*",
         metavar="RUN",
-        help="drivers: folders of runs, or any name that --driver takes "
+        help="drivers: folders of runs; NAME=PATTERN, such as 'ppo=runs/seed-*', for several "
+        "trainings of one kind; or any name that --driver takes "
         "(default: the shipped driver, under strict)",
     )
     parser.add_argument(
@@ -146,6 +147,7 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.evaluation.recording import RecordingFolder
     from drl_av.evaluation.statistics import (
         gains_over_fastest,
+        grouped,
         overall,
         summarize,
         write_summaries,
@@ -189,7 +191,8 @@ def evaluate(options: argparse.Namespace) -> int:
     rows = [driven[job.key] for job in evaluation.jobs if job.key in driven]
     rules = baselines(row.driver for row in rows)
     summaries, found_styles = summarize(rows), styles(rows)
-    overalls, judgements = (overall(rows, rules), judge(rows)) if status == 0 else ([], [])
+    rivals = rules or list(dict.fromkeys(row.group for row in rows if row.is_training))
+    overalls, judgements = (overall(rows, rivals), judge(rows)) if status == 0 else ([], [])
     if rows and options.json and status and options.json.exists():
         print(f"drl-av: {options.json} is unchanged.", file=sys.stderr)
     elif rows and options.json:
@@ -204,7 +207,7 @@ def evaluate(options: argparse.Namespace) -> int:
         print("Driven in the twin, not in SUMO.")
     if rows:
         print_summaries(summaries)
-    title = title_of((row.driver, row.safety_check) for row in rows)
+    title = title_of((row.compared_as, row.safety_check) for row in rows)
     if status == 0:
         if found_gains := gains_over_fastest(rows, rules):
             print_gains(found_gains, title)
@@ -213,8 +216,12 @@ def evaluate(options: argparse.Namespace) -> int:
         print_styles(found_styles, title)
     for judgement in judgements:
         print(judgement)
+    passed = {judgement.driver: judgement.passed for judgement in judgements}
+    for group, own in grouped((r for r in rows if r.is_training), lambda row: row.group).items():
+        if found := [passed[name] for name in {row.driver for row in own} & passed.keys()]:
+            print(f"{group}: {sum(found)} of {pluralize(len(found), 'training')} pass")
     if status == 0 and not rules:
-        print("For pass or fail drive a rule-based driver beside it, such as --driver gap-mobil.")
+        print("For pass or fail drive a rule-based driver beside it, such as gap-mobil.")
     failed = not all(judgement.passed for judgement in judgements)
     return 1 if failed and options.require_pass else status
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
+from drl_av.drivers.groups import trainings_of
 from drl_av.errors import ConfigError, pluralize
 from drl_av.evaluation.figure_style import COLUMNS_IN
 
@@ -17,9 +18,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "sources",
         nargs="*",
-        type=Path,
         metavar="FILE.csv | RUN",
-        help="tables of evaluate, and folders of runs",
+        help="tables of evaluate, and folders of runs; NAME=PATTERN, such as 'ppo=runs/seed-*', "
+        "draws the mean of several runs and its 95 %% interval",
     )
     parser.add_argument(
         "--columns",
@@ -50,7 +51,6 @@ def figures(options: argparse.Namespace) -> int:
     """
     from drl_av.evaluation.figure_style import add_title, fit_columns
     from drl_av.evaluation.figures import (
-        EPISODE_COLUMNS,
         learning_figure,
         profile_figure,
         reward_figure,
@@ -58,27 +58,32 @@ def figures(options: argparse.Namespace) -> int:
     )
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.trajectories import time_space_figure
-    from drl_av.files import read_table
 
-    runs = [path for path in options.sources if path.is_dir()]
-    if others := [run for run in runs if not (run / "evaluations.csv").is_file()]:
+    sources = [trainings_of(word) for word in options.sources]
+    groups = {name: [Path(each) for each in found] for name, found in sources if name}
+    alone = [Path(word) for name, [word, *_] in sources if not name]
+    runs, tables = [p for p in alone if p.is_dir()], [p for p in alone if not p.is_dir()]
+    every_run = [run for own in (runs, *groups.values()) for run in own]
+    if others := [run for run in every_run if not (run / "evaluations.csv").is_file()]:
         raise ConfigError(
             f"{others[0]} is not a run, it has no evaluations.csv: name the folder of a run, or a "
             "table of evaluate."
         )
-    tables = [path for path in options.sources if not path.is_dir()]
     figures = dict[str, Any]()
     if tables:
-        rows = [row for table in tables for row in read_table(table, EPISODE_COLUMNS)]
-        _require_distinct(tables)
-        title = _checks_of(tables)
+        rows = [row for table in tables for row in _rows_of(table)]
+        _require_distinct(rows)
+        checks = ((row.get("group") or row["driver"], row["safety_check"]) for row in rows)
+        title = title_of(checks)
         for name, draw in (("mean_speed", speed_figure), ("speed_profile", profile_figure)):
             figures[name] = draw(rows)
             add_title(figures[name], title)
-    if runs:
-        figures["learning"] = learning_figure(runs)
-        checks = {run.name: load_config(run / "config.toml").safety.check for run in runs}
-        add_title(figures["learning"], title_of(checks.items()))
+    if every_run:
+        figures["learning"] = learning_figure(runs, groups)
+        named = [(run.name, run) for run in runs]
+        named += [(name, run) for name, own in groups.items() for run in own]
+        pairs = [(name, load_config(run / "config.toml").safety.check) for name, run in named]
+        add_title(figures["learning"], title_of(pairs))
     if options.time_space:
         recording = load_recording(options.time_space)
         figures["time_space"] = time_space_figure(recording)
@@ -111,28 +116,24 @@ def _save(figures: Mapping[str, Any], out: Path) -> None:
         print(file)
 
 
-def _checks_of(tables: Iterable[Path]) -> str:
-    """Return the title with the safety checks of tables, if they have this column."""
-    from drl_av.files import read_table
-
-    pairs: dict[tuple[str, str], None] = {}
-    for row in (row for table in tables for row in read_table(table)):
-        pairs[row["driver"], row.get("safety_check", "unknown")] = None
-    return title_of(pairs)
-
-
-def _require_distinct(tables: Iterable[Path]) -> None:
-    """Raise ConfigError if the tables have two episodes of one driver in the same traffic.
-
-    Tables without a column ``seed`` are not examined.
-    """
+def _rows_of(table: Path) -> list[dict[str, Any]]:
+    """Return the columns of a table that figures need; a table may lack all but EPISODE_COLUMNS."""
     from drl_av.evaluation.figures import EPISODE_COLUMNS
     from drl_av.files import PlainNumber, read_table
 
-    with_seeds = [table for table in tables if "seed" in read_table(table)[0]]
-    columns = {**EPISODE_COLUMNS, "seed": PlainNumber}
-    rows = [row for table in with_seeds for row in read_table(table, columns)]
-    episodes = Counter((row["driver"], row["vehicles"], row["seed"]) for row in rows)
+    header = read_table(table)[0].keys()
+    more = {"seed": PlainNumber, "group": str, "safety_check": str}
+    columns = {name: kind for name, kind in more.items() if name in header}
+    rows = read_table(table, EPISODE_COLUMNS | columns)
+    return [{"safety_check": "unknown", **row} for row in rows]
+
+
+def _require_distinct(rows: Iterable[Mapping[str, Any]]) -> None:
+    """Raise ConfigError if there are two episodes of one driver in the same traffic.
+
+    Rows without ``seed`` are not examined.
+    """
+    episodes = Counter((r["driver"], r["vehicles"], r["seed"]) for r in rows if "seed" in r)
     for (driver, vehicles, seed), times in episodes.items():
         if times > 1:
             raise ConfigError(

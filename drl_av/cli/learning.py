@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drl_av.cli.options import add_env_options, custom_parts, int_at_least, with_command_line
+from drl_av.cli.seeds import SeedJob, seed_list, train_seeds
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
 from drl_av.config.presets import PRESETS, adaptation, preset
@@ -34,8 +35,22 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"episodes of at most 200 s (default: the preset's, {numbers})",
     )
-    parser.add_argument(
+    seeds = parser.add_mutually_exclusive_group()
+    seeds.add_argument(
         "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the preset's)"
+    )
+    seeds.add_argument(
+        "--seeds",
+        type=seed_list,
+        metavar="S",
+        help="several seeds, such as 1-5 or 1,3,7: a run for each, RUN/seed-1 and so on",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int_at_least(1),
+        default=1,
+        metavar="N",
+        help="number of processes that share the runs of --seeds",
     )
     parser.add_argument(
         "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
@@ -90,6 +105,13 @@ def train(options: argparse.Namespace) -> int:
 
     if options.tensorboard:
         require_tensorboard()
+    if options.seeds:
+        jobs = _seed_jobs(options)
+        number = ["--seeds", ",".join(map(str, options.seeds)), "--jobs", str(options.jobs)]
+        again = ["drl-av", "train", "--out", str(options.out), *number, "--resume"]
+        return train_seeds(jobs, options.jobs, shlex.join(again))
+    if options.jobs > 1:
+        raise ConfigError(f"--jobs {options.jobs} needs --seeds: one training uses one process.")
     run = Run(options.out)
     config = _training_config(options, run)
     if config.learning.algorithm == "ppo":
@@ -110,13 +132,7 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
     from drl_av.cli.console import progress_bar, stop_request
     from drl_av.learning.large_scale import train_at_scale
 
-    for option in ("resume", "episodes", "replay", "tensorboard", "reward", "sumo_options"):
-        if getattr(options, option):
-            raise ConfigError(
-                f"--{option.replace('_', '-')} belongs to the training by Algorithm 1, but this "
-                "one is PPO at scale, which takes minutes and begins anew: leave it out, or choose "
-                "another preset."
-            )
+    _require_options_of_ppo(options, "resume")
     done, updates = 0, config.ppo.decisions // config.ppo.batch_size
     with stop_request() as stop, progress_bar("training, updates", updates) as bar:
         for progress in train_at_scale(options.out, config):
@@ -131,6 +147,48 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
     print(f"{options.out}: {pluralize(done, 'decision')}; compare it with the best rule:")
     print(shlex.join(["drl-av", "evaluate", str(options.out), "gap-mobil"]))
     return 0
+
+
+def _require_options_of_ppo(options: argparse.Namespace, *more: str) -> None:
+    """Raise ConfigError if an option is given that only Algorithm 1 has, or one of ``more``."""
+    for option in (*more, "episodes", "replay", "tensorboard", "reward", "sumo_options"):
+        if getattr(options, option):
+            raise ConfigError(
+                f"--{option.replace('_', '-')} belongs to the training by Algorithm 1, but this "
+                "one is PPO at scale, which takes minutes and begins anew: leave it out, or choose "
+                "another preset."
+            )
+
+
+def _seed_jobs(options: argparse.Namespace) -> list[SeedJob]:
+    """Return the training of each of ``--seeds``; with ``--resume`` those begun must be the same.
+
+    Raises:
+        RunError: a folder is not new, or was begun with other settings.
+    """
+    from drl_av.learning.run import Run
+
+    runs = {seed: Run(options.out / f"seed-{seed}") for seed in options.seeds}
+    begun = {s: run.read_config() for s, run in runs.items() if run.config_file.is_file()}
+    if begun and not options.resume:
+        raise RunError(
+            f"{runs[next(iter(begun))].folder} exists already: continue it with --resume, or "
+            "choose another folder with --out."
+        )
+    asked = _asked(options, next(iter(begun.values()), None))
+    configs = {seed: asked.updated("learning", seed=seed) for seed in runs}
+    for seed, stored in begun.items():
+        _unchanged(runs[seed], stored, configs[seed])
+    custom = custom_parts(options)
+    if asked.learning.algorithm == "ppo":
+        _require_options_of_ppo(options)
+    jobs = [SeedJob(r.folder, configs[s], custom, options.tensorboard) for s, r in runs.items()]
+    if stopped := [job.folder for job in jobs if job.is_stopped]:
+        raise RunError(
+            f"{stopped[0]} holds a training at scale that was stopped, which cannot continue: "
+            "move it away, and give the same command again."
+        )
+    return jobs
 
 
 def adapt(options: argparse.Namespace) -> int:
@@ -177,14 +235,17 @@ def adapt(options: argparse.Namespace) -> int:
 
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
+    stored = run.read_config() if options.resume else None
+    asked = _asked(options, stored)
+    return asked if stored is None else _unchanged(run, stored, asked)
+
+
+def _asked(options: argparse.Namespace, stored: Config | None) -> Config:
+    """Return the settings that the command line of ``train`` asks for, or those ``stored``."""
     given = _given(options, "episodes", "seed", "replay")
-    base = preset("paper" if options.preset is None else options.preset)
-    if options.resume:
-        stored = run.read_config()
-        base = stored if options.preset is None else base
-        return _unchanged(
-            run, stored, with_command_line(base, options).updated("learning", **given)
-        )
+    base = stored
+    if base is None or options.preset is not None:
+        base = preset("paper" if options.preset is None else options.preset)
     return with_command_line(base, options).updated("learning", **given)
 
 

@@ -228,7 +228,7 @@ def _show(
             driven = session.drive(None, film.add)
             print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
         elif options.html:
-            page = Page(f"{session.name}, seed {session.seed}", session.road, session.driver)
+            page = Page(session.title, session.road, session.driver, session.facts)
             driven = session.drive(None, page)
             page.write(options.html)
             print(f"{options.html}: open it in a browser")

@@ -43,11 +43,12 @@ def write_page(
     road: Road,
     snapshots: Sequence[Snapshot],
     decisions: Sequence[PageDecision],
+    facts: str = "",
 ) -> None:
     """Write the HTML page of an episode to ``path`` atomically.
 
     ``snapshots`` holds the scene at the start and the scene after each decision, so it is longer
-    than ``decisions`` by one.
+    than ``decisions`` by one. ``facts`` is a line below the title.
 
     Raises:
         DrlAvError: the file cannot be written.
@@ -55,6 +56,7 @@ def write_page(
     sizes = _sizes(snapshots)
     episode = {
         "title": title,
+        "facts": facts,
         "road": {
             "circumference_m": road.lap_m,
             "end_m": None if road.is_loop else road.end_m,

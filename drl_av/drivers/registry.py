@@ -19,6 +19,7 @@ from drl_av.config.schema import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
+from drl_av.drivers.groups import trainings_of
 from drl_av.drivers.learned import (
     LearnedDriver,
     load_learned,
@@ -80,6 +81,8 @@ class DriverSpec:
     under: str | None = None
     """The safety check that the user names with it, as in ``pretrained@paper``; None for that of
     the evaluation."""
+    group: str = ""
+    """The name under which several trainings are compared; "" if there are no groups."""
 
     @property
     def is_external(self) -> bool:
@@ -144,15 +147,22 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     A word is one of ``driver_names``, a path, or a factory, as for ``load_driver``; ``@`` and the
     name of a safety check may follow, such as ``pretrained@paper``. A driver with a path is named
     after the last part of it, or after the whole path if another has that name. A name shows
-    control characters as escapes.
+    control characters as escapes. A word ``NAME=PATTERN`` names the trainings of a group, whose
+    drivers are called ``NAME/LAST``; a driver beside a group is a group of its own.
 
     Raises:
         ConfigError: a word names no driver or check, or a zip or ONNX file larger than
-            ``MAX_BYTES``.
+            ``MAX_BYTES``; or a group has the name of another driver, or a driver of another group.
     """
     runs: dict[str, Path | None] = {}
-    given = (str(word.absolute()) if isinstance(word, Path) else word for word in words)
-    for word in dict.fromkeys(given):
+    groups: dict[str, str] = {}
+    for given in words:
+        word = str(given.absolute()) if isinstance(given, Path) else given
+        group, trainings = trainings_of(word)
+        for each in trainings:
+            if groups.setdefault(each, group) != group or group in driver_names():
+                raise ConfigError(f"{group} and {each} name drivers twice: rename {word}.")
+    for word in groups:
         own, _ = _with_check(word)
         if own in RULE_DRIVERS:
             runs[word] = None
@@ -167,12 +177,14 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     named = {*driver_names(), *filter(is_factory, runs)}
     last = {word: Path(word).absolute().name for word in runs}
     short = {word: word if {word, last[word]} & named else last[word] for word in runs}
-    count = Counter(short.values())
+    count = Counter((groups[word], name) for word, name in short.items())
     specs = []
     for word, run in runs.items():
-        _, under = _with_check(word)
-        name = printable(short[word] if count[short[word]] == 1 else word)
-        specs.append(DriverSpec(name, run, under=under))
+        (_, under), group = _with_check(word), groups[word]
+        name = printable(short[word] if count[group, short[word]] == 1 else word)
+        if any(groups.values()):
+            name, group = (f"{group}/{name}", group) if group else (name, name)
+        specs.append(DriverSpec(name, run, under=under, group=group))
     return tuple(specs)
 
 

@@ -59,18 +59,31 @@ class EpisodeResult:
     """``exit taken``, ``exit missed``, ``merged`` or ``not merged``; "" if the ego has no way."""
     world: str = field(default="sumo", kw_only=True)
     """The world in which it was driven, ``sumo`` or ``twin``."""
+    group: str = field(default="", kw_only=True)
+    """The name under which several trainings are compared, such as ``ppo`` for ``ppo/seed-1``; the
+    driver's own name beside such a group; "" in an evaluation without groups."""
 
     @property
     def missed(self) -> bool:
         """Whether the ego missed its exit, or did not merge where its lane ends."""
         return self.way not in ("", *COMPLETE)
 
+    @property
+    def compared_as(self) -> str:
+        """The name of the driver's group, or of the driver if there are no groups."""
+        return self.group or self.driver
+
+    @property
+    def is_training(self) -> bool:
+        """Whether the driver is one of the trainings of a group."""
+        return self.compared_as != self.driver
+
     def cells(self) -> dict[str, Any]:
         """Return the row's values by column; ``way`` is there if the ego has one, ``world`` if it
-        is not SUMO.
+        is not SUMO, and ``group`` if there are groups.
         """
         cells = asdict(self)
-        usual = {"way": "", "world": "sumo"}
+        usual = {"way": "", "world": "sumo", "group": ""}
         return {name: value for name, value in cells.items() if usual.get(name) != value}
 
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -179,6 +180,7 @@ class _Equipment:
             else (config, custom)
             for spec in specs
         }
+        self._groups = {spec.name: spec.group for spec in specs}
         self._envs: dict[Config, HighwayEnv] = {}
         self._drivers: dict[str, Driver] = {}
 
@@ -210,13 +212,13 @@ class _Equipment:
         """Drive one episode with the driver of this name, under its safety check."""
         if not self._drivers:
             self.make_drivers()
-        env = self.env(*self._parts[name])
+        driven = self.env(*self._parts[name]), self._drivers[name], name, seed, vehicles
         if recordings is None:
-            return drive(env, self._drivers[name], name, seed, vehicles, make_metrics)
-        driven = env, self._drivers[name], name, seed, vehicles
-        recording, result = record_episode(*driven, make_metrics())
-        recordings.keep(recording, result)
-        return result
+            result = drive(*driven, make_metrics)
+        else:
+            recording, result = record_episode(*driven, make_metrics())
+            recordings.keep(recording, result)
+        return replace(result, group=self._groups[name])
 
     def close(self) -> None:
         """Close all environments."""

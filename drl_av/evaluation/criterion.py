@@ -26,7 +26,7 @@ class Interval(NamedTuple):
 
     def __str__(self) -> str:
         if math.isinf(self.low):
-            return f"{self.value:+.2f} [no interval of one episode]"
+            return f"{self.value:+.2f} [one episode]"
         return f"{self.value:+.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 

@@ -280,7 +280,7 @@ def _track(snapshots: list[Snapshot], rows: list[int]) -> Track:
 
 
 class Style(NamedTuple):
-    """The comfort and criticality of one driver, over all its episodes."""
+    """The comfort and criticality of one driver, or group of trainings, over all its episodes."""
 
     driver: str
     reversals_per_km: float
@@ -302,7 +302,7 @@ def styles(rows: Iterable[EpisodeResult]) -> list[Style]:
     Other rows are ignored. The drivers are in the order of their first rows.
     """
     measured = (row for row in rows if isinstance(row, CriticalityResult))
-    groups = grouped(measured, lambda row: row.driver)
+    groups = grouped(measured, lambda row: row.compared_as)
     return [_style(driver, group) for driver, group in groups.items()]
 
 

@@ -6,13 +6,14 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import performance_profile
 from drl_av.evaluation.figure_style import legend_of_names, one_panel, panels
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval, moving_average
@@ -43,28 +44,37 @@ STYLES = {
 OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
 OTHER_STYLES = [(color, mark) for mark in ("D", "P", "X", "*", "p", "h") for color in OTHER_COLORS]
 """The styles of all other drivers."""
+UNBOUNDED = (-math.inf, math.inf)
 BESIDE = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
 
-def learning_figure(runs: Sequence[Path]) -> "Figure":
+def learning_figure(
+    runs: Sequence[Path], groups: Mapping[str, Sequence[Path]] = MappingProxyType({})
+) -> "Figure":
     """Draw the greedy driver's mean reward per decision against training episodes.
 
     The figure has one curve for each run's folder, like Fig. 5 of the paper. A second curve in a
     light colour shows the mean reward of the last ``SMOOTHED_OVER`` training episodes, which
-    include exploration.
+    include exploration. Each group of ``groups``, runs by name, has one curve: their mean, within
+    the band of its 95 % interval, at the evaluations that all of them have.
 
     Raises:
         DrlAvError: a run has no evaluation yet, or a table is damaged.
     """
     figure, axes = one_panel("training episode", "mean reward a decision")
     curves = {}
+    for name, group in groups.items():
+        found = [_evaluations(run) for run in group]
+        common = sorted(set.intersection(*({*own} for own in found)))
+        if not common:
+            raise DrlAvError(f"The runs of {name} have no evaluation of the same episode.")
+        means = [mean_with_interval(own[episode] for own in found) for episode in common]
+        label = _of_trainings(name, len(group))
+        curves[label] = banded_curve(axes, common, means, UNBOUNDED, marker=".", zorder=2)
     for run in runs:
-        rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS, growing=True)
-        if not rows:
-            raise DrlAvError(f"The run {run} has no evaluation yet: train it for longer.")
-        episodes, rewards = ([row[name] for row in rows] for name in EVALUATION_COLUMNS)
-        [curve] = axes.plot(episodes, rewards, marker=".", zorder=2)
+        evaluated = _evaluations(run)
+        [curve] = axes.plot([*evaluated], [*evaluated.values()], marker=".", zorder=2)
         if (run / "episodes.csv").is_file():
             driven = read_table(run / "episodes.csv", EVALUATION_COLUMNS, growing=True)
             numbers, rewards = ([row[name] for row in driven] for name in EVALUATION_COLUMNS)
@@ -74,6 +84,38 @@ def learning_figure(runs: Sequence[Path]) -> "Figure":
         curves[run.name if run.name not in curves else str(run)] = curve
     legend_of_names(axes, curves)
     return figure
+
+
+def _evaluations(run: Path) -> dict[float, float]:
+    """Return the mean reward of each evaluation of a run by its episode."""
+    rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS, growing=True)
+    if not rows:
+        raise DrlAvError(f"The run {run} has no evaluation yet: train it for longer.")
+    return {row["episode"]: row["mean_reward"] for row in rows}
+
+
+def _of_trainings(name: str, trainings: int) -> str:
+    return f"{name}, {pluralize(trainings, 'training')}"
+
+
+def banded_curve(
+    axes: "Axes",
+    x: Sequence[float],
+    means: Sequence[Mean],
+    bounds: tuple[float, float],
+    **style: Any,
+) -> Any:
+    """Draw a curve through ``means`` in the band of their intervals, which is within ``bounds``.
+
+    Return the curve.
+    """
+    [curve] = axes.plot(x, [mean.value for mean in means], **style)
+    values, halves = np.array(means).T
+    halves[~np.isfinite(halves)] = 0.0
+    step: Any = "post" if curve.get_drawstyle() == "steps-post" else None
+    low, high = np.clip((values - halves, values + halves), *bounds)
+    axes.fill_between(x, low, high, step=step, color=curve.get_color(), alpha=0.2, linewidth=0)
+    return curve
 
 
 def reward_figure(config: Config) -> "Figure":
@@ -101,17 +143,22 @@ def reward_figure(config: Config) -> "Figure":
 def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     """Draw performance profiles: the share of episodes with a mean speed above v, for each speed v.
 
-    Each driver has one curve, over all its numbers of vehicles.
+    Each driver has one curve, over all its numbers of vehicles. That of a group is the mean of its
+    trainings, within the band of its 95 % interval.
     """
     figure, axes = one_panel("speed v, m/s", "share of episodes faster than v")
     thresholds = sorted({0.0, *(row["mean_speed_m_s"] for row in rows)})
-    curves, drivers = {}, grouped(rows, itemgetter("driver"))
-    styles = styles_of(drivers)
-    for driver, own in drivers.items():
-        speeds = np.array([row["mean_speed_m_s"] for row in own])
-        profile = performance_profile([speeds], thresholds)
-        color, _ = styles[driver]
-        [curves[driver]] = axes.step(thresholds, profile, where="post", color=color)
+    curves, drivers = {}, _by_label(rows)
+    styles = styles_of(map(_name, drivers))
+    for driver, trainings in drivers.items():
+        profiles = [
+            performance_profile([np.array([row["mean_speed_m_s"] for row in own])], thresholds)
+            for own in trainings
+        ]
+        means = [mean_with_interval(shares) for shares in zip(*profiles, strict=True)]
+        color, _ = styles[_name(driver)]
+        style = {"color": color, "drawstyle": "steps-post"}
+        curves[driver] = banded_curve(axes, thresholds, means, (0.0, 1.0), **style)
     legend_of_names(axes, curves)
     return figure
 
@@ -119,28 +166,57 @@ def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
 def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 6 of the paper).
 
-    There is one curve for each driver. The rows need at least the columns ``driver``, ``vehicles``
-    and ``mean_speed_m_s``.
+    There is one curve for each driver. The intervals are over the episodes; those of a group, which
+    are a band, are over the means of its trainings. The rows need at least the columns ``driver``,
+    ``vehicles`` and ``mean_speed_m_s``; with ``group``, trainings are grouped.
 
     Raises:
         DrlAvError: there are more than ``MOST_DRIVERS`` drivers.
     """
-    drivers = grouped(rows, itemgetter("driver"))
+    drivers = _by_label(rows)
     if len(drivers) > MOST_DRIVERS:
         raise DrlAvError(
             f"The tables hold {len(drivers)} drivers, but a figure shows at most {MOST_DRIVERS}: "
             "draw some of them."
         )
     means = {}
-    for driver, driven in drivers.items():
-        cells = grouped(driven, lambda row: int(row["vehicles"]))
+    for driver, trainings in drivers.items():
+        cells = [grouped(own, lambda row: int(row["vehicles"])) for own in trainings]
         means[driver] = {
-            number: mean_with_interval(float(row["mean_speed_m_s"]) for row in cells[number])
-            for number in sorted(cells)
+            number: mean_with_interval(_speeds(driver, [cell[number] for cell in cells]))
+            for number in sorted(set.intersection(*({*cell} for cell in cells)))
         }
     figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
-    legend_of_names(axes, curves_by_density(axes, means, lowest=0.0))
+    banded = [driver for driver, trainings in drivers.items() if _is_group(driver, trainings)]
+    legend_of_names(axes, curves_by_density(axes, means, lowest=0.0, banded=banded))
     return figure
+
+
+def _by_label(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[list[Mapping[str, Any]]]]:
+    """Return the rows of each driver by its label; those of a group are apart by training."""
+    labels = {}
+    for name, own in grouped(rows, lambda row: row.get("group") or row["driver"]).items():
+        trainings = grouped(own, itemgetter("driver"))
+        label = name if name in trainings else _of_trainings(name, len(trainings))
+        labels[label] = [*trainings.values()]
+    return labels
+
+
+def _name(label: str) -> str:
+    """Return the name of the driver or group with this label."""
+    return label.partition(", ")[0]
+
+
+def _is_group(label: str, trainings: Sequence[Sequence[Mapping[str, Any]]]) -> bool:
+    return bool(trainings[0][0]["driver"] != label)
+
+
+def _speeds(label: str, trainings: Sequence[Sequence[Mapping[str, Any]]]) -> list[float]:
+    """Return the speed of each episode of a driver, or the mean of each training of a group."""
+    speeds = [[float(row["mean_speed_m_s"]) for row in own] for own in trainings]
+    if _is_group(label, trainings):
+        return [float(np.mean(own)) for own in speeds]
+    return speeds[0]
 
 
 def styles_of(drivers: Iterable[str]) -> dict[str, tuple[str, str]]:
@@ -171,19 +247,26 @@ def curves_by_density(
     means: Mapping[str, Mapping[int, Mean]],
     joined: bool = True,
     lowest: float = -math.inf,
+    banded: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Draw a curve for each driver with its 95 % intervals; return the curves by driver.
 
     ``means`` holds the values by driver and by number of vehicles; an infinite interval is left
     out. A driver has one colour; its curve under another check, such as "idm, strict", is dashed.
     With ``joined`` false there are only points. No interval reaches below ``lowest``, which is 0
-    for a speed.
+    for a speed. The intervals of the drivers ``banded`` are a band.
     """
     curves = dict[str, Any]()
     styles = styles_of(driver.partition(", ")[0] for driver in means)
     for place, (driver, own) in enumerate(means.items()):
         name, _, check = driver.partition(", ")
         color, mark = styles[name]
+        if driver in banded:
+            style = {"color": color, "marker": mark, "markersize": 4, "label": driver}
+            curves[driver] = banded_curve(
+                axes, [*own], [*own.values()], (lowest, math.inf), **style
+            )
+            continue
         aside = BESIDE * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
             [number + aside for number in own],

@@ -53,8 +53,8 @@ class Pacer:
 class Page:
     """Collects an episode, and writes it as one HTML file that plays in a browser."""
 
-    def __init__(self, title: str, road: Road, driver: Driver) -> None:
-        self._title, self._road = title, road
+    def __init__(self, title: str, road: Road, driver: Driver, facts: str = "") -> None:
+        self._title, self._road, self._facts = title, road, facts
         self._values = driver.values if isinstance(driver, LearnedDriver) else None
         self._snapshots: list[Snapshot] = []
         self._decisions: list[PageDecision] = []
@@ -78,7 +78,8 @@ class Page:
 
     def write(self, path: Path) -> None:
         """Write the page; raises DrlAvError if the file cannot be written."""
-        write_page(path, self._title, self._road, self._snapshots, self._decisions)
+        shown = self._snapshots, self._decisions, self._facts
+        write_page(path, self._title, self._road, *shown)
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,18 @@ class ReplaySession:
     def road(self) -> Road:
         """The road of the episode's scenario."""
         return load_scenario(find_scenario(self.config.simulation.scenario)).road
+
+    @property
+    def title(self) -> str:
+        """The driver and the traffic seed."""
+        return f"{self.name}, seed {self.seed}"
+
+    @property
+    def facts(self) -> str:
+        """The safety check, the scenario and the world in words."""
+        own, settings = self.custom.safety_check, self.config.simulation
+        check = self.config.safety.check if own is None or not isinstance(own, str) else own
+        return f"safety check: {check}; scenario: {settings.scenario}; world: {settings.world}"
 
     def with_options(self, *words: str) -> "ReplaySession":
         """Return the session with further options of SUMO."""

@@ -21,10 +21,8 @@ from drl_av.evaluation.aggregates import (
 from drl_av.files import Row, write_atomic
 from drl_av.road.road import FloatArray
 
-OF_A_WAY = ("exits_taken", "merged")
-"""Fields that are None on a road on which the ego neither has an exit nor starts in a lane that
-ends."""
-
+OPTIONAL = ("exits_taken", "merged", "trainings")
+"""Fields that are None where the ego has no way to take, or the driver is no group."""
 
 Item = TypeVar("Item")
 Key = TypeVar("Key")
@@ -191,12 +189,21 @@ def paired(
 def gains_over_fastest(rows: Sequence[EpisodeResult], rules: Sequence[str]) -> list[PairedGain]:
     """Compute each other driver's gain over the fastest rule-based driver, at each density.
 
-    Only the rule-based drivers that miss their exit or fail to merge least often count.
+    Only the rule-based drivers that miss their exit or fail to merge least often count. The gain of
+    a group is the mean gain of its trainings, with the interval over them.
     """
-    names = list(dict.fromkeys(row.driver for row in rows))
+    first = {row.driver: row for row in rows}
     eligible = fewest_missed(rows, rules)
-    found = [paired(rows, name, eligible) for name in names if name not in rules]
-    return sorted((g for own in found for g in own if g.best), key=lambda each: each.vehicles)
+    found = [g for name in first if name not in rules for g in paired(rows, name, eligible)]
+    best, gains = (gain for gain in found if gain.best), []
+    groups = grouped(best, lambda each: (each.vehicles, first[each.driver].compared_as))
+    for (_, name), own in groups.items():
+        gain = own[0]._replace(driver=name, episodes=sum(g.episodes for g in own))
+        if first[own[0].driver].is_training:
+            mean = mean_with_interval(g.difference_m_s.value for g in own)
+            gain = gain._replace(difference_m_s=mean)
+        gains.append(gain)
+    return sorted(gains, key=lambda each: each.vehicles)
 
 
 def best_opponent(speeds: Mapping[str, Iterable[float]]) -> str | None:
@@ -207,7 +214,10 @@ def best_opponent(speeds: Mapping[str, Iterable[float]]) -> str | None:
 
 
 class Summary(NamedTuple):
-    """The statistics of one driver at one number of vehicles around the ego."""
+    """The statistics of one driver, or one group of trainings, at one number of vehicles.
+
+    The intervals are over the episodes, or over the means of the trainings.
+    """
 
     driver: str
     safety_check: str
@@ -224,14 +234,16 @@ class Summary(NamedTuple):
     """Episodes in which the ego took its exit; None on a road without one."""
     merged: int | None = None
     """Episodes in which the ego left the lane in which it began, if that lane ends; else None."""
+    trainings: int | None = None
+    """Number of trainings of the group; None for a single driver."""
 
 
 def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
-    """Summarize the episodes of each driver, check, number of vehicles and world.
+    """Summarize the episodes of each driver or group, check, number of vehicles and world.
 
     The summaries are in the order of their first rows.
     """
-    groups = grouped(rows, lambda row: (row.vehicles, row.driver, row.safety_check, row.world))
+    groups = grouped(rows, lambda row: (row.vehicles, row.compared_as, row.safety_check, row.world))
     return [
         Summary(
             driver=driver,
@@ -239,17 +251,33 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
             vehicles=vehicles,
             world=world,
             episodes=len(group),
-            speed_m_s=mean_with_interval(row.mean_speed_m_s for row in group),
-            reward=mean_with_interval(row.mean_reward for row in group),
+            speed_m_s=mean_with_interval(scores(group, "mean_speed_m_s")),
+            reward=mean_with_interval(scores(group, "mean_reward")),
             collisions=sum(row.collided for row in group),
             ego_hits=sum(row.ego_hit for row in group),
-            triggers=mean_with_interval(row.safety_triggers for row in group),
-            lane_changes=mean_with_interval(row.lane_changes for row in group),
+            triggers=mean_with_interval(scores(group, "safety_triggers")),
+            lane_changes=mean_with_interval(scores(group, "lane_changes")),
             exits_taken=_count(group, EXIT_TAKEN, EXIT_MISSED),
             merged=_count(group, MERGED, NOT_MERGED),
+            trainings=_trainings(group),
         )
         for (vehicles, driver, check, world), group in groups.items()
     ]
+
+
+def scores(rows: Sequence[EpisodeResult], column: str, by_training: bool = False) -> FloatArray:
+    """Return a column of the rows of one driver, shape (episodes,).
+
+    For a group, or with ``by_training``, return the mean of each training, shape (trainings,).
+    """
+    if not by_training and not rows[0].is_training:
+        return np.array([getattr(row, column) for row in rows], dtype=float)
+    trainings = grouped(rows, lambda row: row.driver).values()
+    return np.array([np.mean([getattr(row, column) for row in own]) for own in trainings])
+
+
+def _trainings(rows: Sequence[EpisodeResult]) -> int | None:
+    return len({row.driver for row in rows}) if rows[0].is_training else None
 
 
 def _count(rows: Sequence[EpisodeResult], done: str, failed: str) -> int | None:
@@ -259,20 +287,25 @@ def _count(rows: Sequence[EpisodeResult], done: str, failed: str) -> int | None:
 
 
 class Overall(NamedTuple):
-    """The statistics of one driver over all numbers of vehicles around the ego."""
+    """The statistics of one driver or group over all numbers of vehicles around the ego.
+
+    A score is the mean speed of an episode; beside groups, of a training at one number of vehicles.
+    """
 
     driver: str
     episodes: int
     speed_m_s: Estimate
-    """Interquartile mean of the episodes' mean speeds."""
+    """Interquartile mean of the scores."""
     improvement: Estimate | None
-    """Probability of a higher mean speed than the fastest baseline; None if ``over`` is None."""
+    """Probability of a higher score than the fastest baseline; None if ``over`` is None."""
     over: str | None
     """The fastest baseline; None without a baseline, or if this driver is the fastest baseline."""
     share_faster_than_m_s: dict[int, float]
-    """Performance profile: the share of episodes with a higher mean speed, by speed in whole m/s.
+    """Performance profile: the share of higher scores, by speed in whole m/s.
 
-    The profile ends at the first speed that no episode exceeds."""
+    The profile ends at the first speed that no score exceeds."""
+    trainings: int | None = None
+    """As in ``Summary``."""
 
 
 def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Overall]:
@@ -283,34 +316,36 @@ def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Ove
     Raises:
         DrlAvError: a driver and a baseline did not drive among the same numbers of vehicles.
     """
-    strata = {}
-    for driver, own in grouped(rows, lambda row: row.driver).items():
+    strata, by_training = {}, any(row.is_training for row in rows)
+    drives = grouped(rows, lambda row: row.compared_as)
+    for driver, own in drives.items():
         cells = grouped(own, lambda row: row.vehicles)
-        strata[driver] = [np.array([r.mean_speed_m_s for r in cells[n]]) for n in sorted(cells)]
+        strata[driver] = [scores(cells[n], "mean_speed_m_s", by_training) for n in sorted(cells)]
     best = fastest(rows, baselines)
     return [
         Overall(
             driver=driver,
-            episodes=sum(map(len, scores)),
-            speed_m_s=interquartile_mean(scores),
+            episodes=len(drives[driver]),
+            speed_m_s=interquartile_mean(found),
             improvement=None
             if best in (None, driver)
-            else probability_of_improvement(scores, strata[best]),
+            else probability_of_improvement(found, strata[best]),
             over=None if best == driver else best,
-            share_faster_than_m_s=_profile(scores),
+            share_faster_than_m_s=_profile(found),
+            trainings=_trainings(drives[driver]),
         )
-        for driver, scores in strata.items()
+        for driver, found in strata.items()
     ]
 
 
 def fastest(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> str | None:
-    """Return which of ``drivers`` has the highest mean speed; None if none of them has rows.
+    """Return which driver or group of ``drivers`` has the highest mean speed; None without rows.
 
     On a road with an exit or a merge, only those of the drivers count that miss their exit, or fail
     to merge, in the fewest episodes.
     """
     rows = list(rows)
-    driven = grouped(rows, lambda row: row.driver)
+    driven = grouped(rows, lambda row: row.compared_as)
     eligible = fewest_missed(rows, drivers)
     return best_opponent({name: [row.mean_speed_m_s for row in driven[name]] for name in eligible})
 
@@ -321,7 +356,7 @@ def fewest_missed(rows: Iterable[EpisodeResult], drivers: Iterable[str]) -> list
     On a road without an exit or a merge these are all of ``drivers`` that have rows.
     """
     names = set(drivers)
-    driven = grouped((row for row in rows if row.driver in names), lambda row: row.driver)
+    driven = grouped((row for row in rows if row.compared_as in names), lambda r: r.compared_as)
     missed = {driver: sum(row.missed for row in own) for driver, own in driven.items()}
     return [driver for driver, number in missed.items() if number == min(missed.values())]
 
@@ -341,7 +376,7 @@ def write_summaries(path: Path, parts: Mapping[str, Iterable[Any]]) -> None:
             {
                 name: _plain(value)
                 for name, value in each._asdict().items()
-                if value is not None or name not in OF_A_WAY
+                if value is not None or name not in OPTIONAL
             }
             for each in found
         ]

@@ -13,6 +13,7 @@ from worlds import LEFT, ROAD, Car, ahead, snapshot
 from drl_av.drawing.canvas import EGO_COLOR
 from drl_av.drawing.page import PageDecision, write_page
 
+RED = (255, 92, 108)
 KEEP = PageDecision(0, 0, "none", -0.1, -0.2, -0.1, 0.0, [float(n) for n in range(12)], None)
 BRAKE = PageDecision(1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0, None, "ego hit the vehicle </script>")
 
@@ -52,6 +53,24 @@ def test_a_rule_and_a_collision_are_shown_and_text_cannot_end_the_script(page: P
     assert re.search(r"alarm\"><td>executed</td><td>hard brake, keep lane", shown)
     assert "ego hit the vehicle &lt;/script&gt;" in shown
     assert "this driver has none" in shown
+
+
+def test_the_facts_and_the_events_are_on_the_page(page: Path) -> None:
+    shots = [snapshot(ahead(20.0), s_m=100.0 + 20 * k) for k in range(21)]
+    decisions = [BRAKE if k == 9 else KEEP for k in range(20)]
+    write_page(page, "drive", ROAD, shots, decisions, "safety check: strict")
+    assert 'id="facts">safety check: strict<' in browser(page, 0.0, "--dump-dom")
+    picture = page.with_name("page.png")
+    browser(page, 0.0, "--window-size=1200,760", f"--screenshot={picture}")
+    image = Image.open(picture).convert("RGB")
+    red = [
+        x
+        for x in range(80, 880)
+        for y in (288, 294, 300, 306, 312)
+        if image.getpixel((x, y)) == RED
+    ]
+    assert red, "the collision has no tick above the time bar"
+    assert 440 < sum(red) / len(red) < 520  # half of the bar, at 10 of 20 s
 
 
 def test_the_ego_is_drawn_in_its_colour_in_the_middle_of_the_road(page: Path) -> None:

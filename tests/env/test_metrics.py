@@ -93,11 +93,12 @@ def test_a_row_of_three_decisions_worked_out_by_hand() -> None:
         ("d_safe_violations", 2),
         ("way", ""),
         ("world", "sumo"),
+        ("group", ""),
     ]
 
 
 def test_the_way_is_a_column_only_where_the_ego_has_one() -> None:
-    names = [field.name for field in fields(EpisodeResult)][:-1]  # without the world
+    names = [field.name for field in fields(EpisodeResult)][:-2]  # without world and group
     loop = row(decision(), decision())
     assert [*loop.cells()] == names[:-1]
     assert not loop.missed

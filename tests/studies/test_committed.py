@@ -30,7 +30,7 @@ def test_nothing_of_them_is_refused_or_made_again(
     name: str, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([name, "--jobs", "1", "--out", str(results), "--runs", str(tmp_path / "runs")]) == 0
-    assert f"{name}.csv is complete: nothing was driven." in capsys.readouterr().out
+    assert f"{name}.csv is complete: nothing was driven;" in capsys.readouterr().out
     figures = [results / f"{figure}.png" for figure in STUDIES[name].figures]
     assert all(figure.exists() for figure in figures)
     tables = [*results.glob("*.csv"), *results.glob("*.json")]

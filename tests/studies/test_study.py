@@ -218,7 +218,7 @@ def test_the_command_line_runs_a_file_of_ones_own_in_a_quick_form(
     [folder] = here.glob("quick-results-*")
     assert {"mine.csv", "mine.json", "mine.png"} == {path.name for path in folder.iterdir()}
     assert main([*words, "--out", str(folder)]) == 0
-    assert "mine.csv is complete: nothing was driven. A quick form" in capsys.readouterr().out
+    assert "mine.csv is complete: nothing was driven; for a quick form" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["opponent"])
     assert "there is no study 'opponent' (did you mean 'opponents'?)" in capsys.readouterr().err

@@ -1,0 +1,130 @@
+"""Trains one driver for each of several random seeds: ``drl-av train --seeds 1-5 --jobs 2``."""
+
+import argparse
+import re
+import shlex
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from drl_av.cli.status import INTERRUPTED
+from drl_av.config import Config
+from drl_av.errors import SimulationError, pluralize
+from drl_av.evaluation import LOKY
+
+if TYPE_CHECKING:
+    from drl_av.env.custom import CustomParts
+
+MOST_SEEDS = 1000
+
+
+def seed_list(text: str) -> list[int]:
+    """Convert words such as ``1-5`` or ``1,3,7-9`` to the list of their seeds."""
+    seeds = list[int]()
+    for part in text.split(","):
+        if not (found := re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", part)):
+            raise argparse.ArgumentTypeError(f"{text!r} does not have the form 1-5 or 1,3,7")
+        first = int(found[1])
+        last = int(found[2] or first)
+        if not 0 <= last - first < MOST_SEEDS:
+            raise argparse.ArgumentTypeError(f"{part} is not 1 to {MOST_SEEDS} seeds")
+        seeds += range(first, last + 1)
+    return list(dict.fromkeys(seeds))
+
+
+class SeedJob(NamedTuple):
+    """The training of one seed, in a run's folder of its own."""
+
+    folder: Path
+    config: Config
+    custom: "CustomParts"
+    tensorboard: bool
+
+    @property
+    def total(self) -> int:
+        """Number of rows in the table of the complete training."""
+        if self.config.learning.algorithm == "ppo":
+            return self.config.ppo.decisions // self.config.ppo.batch_size
+        return self.config.learning.episodes
+
+    @property
+    def done(self) -> int:
+        """Number of rows, of an episode or an update, that the training has written."""
+        ppo = self.config.learning.algorithm == "ppo"
+        table = self.folder / ("updates.csv" if ppo else "episodes.csv")
+        return max(table.read_bytes().count(b"\n") - 1, 0) if table.is_file() else 0
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether it is a training at scale that was stopped: only Algorithm 1 can continue."""
+        at_scale = self.config.learning.algorithm == "ppo"
+        return at_scale and (self.folder / "config.toml").exists() and self.done < self.total
+
+
+def train_seed(job: SeedJob) -> None:
+    """Start or continue one training, up to its end; do nothing if it is complete.
+
+    Raises:
+        RunError: the folder is not new and not a run, or another process trains in it.
+    """
+    if job.config.learning.algorithm == "ppo":
+        from drl_av.learning.large_scale import train_at_scale
+
+        if job.done < job.total:
+            for _ in train_at_scale(job.folder, job.config):
+                pass
+        return
+    from drl_av.env.highway import HighwayEnv
+    from drl_av.learning.run import Run, tensorboard_writer, train
+    from drl_av.learning.training import build_training
+
+    run = Run(job.folder)
+    with closing(HighwayEnv(config=job.config, **job.custom._asdict())) as env:
+        training = build_training(env)
+        if not run.config_file.exists():
+            run.create(training)
+        with run.locked():
+            run.restore(training)
+            events = run.folder / "tensorboard" if job.tensorboard else None
+            with tensorboard_writer(events, training.episodes_done) as write:
+                for progress in train(run, training):
+                    write(progress)
+            if not run.policy_file.exists():
+                run.save(training)
+
+
+def train_seeds(jobs: Sequence[SeedJob], processes: int, again: str) -> int:
+    """Train all jobs in so many processes, with a progress bar; return the exit status.
+
+    Each run has the same bytes as one that ``drl-av train --seed`` makes alone. ``again`` is the
+    command that continues after a stop.
+    """
+    from drl_av.cli.console import progress_bar
+    from drl_av.evaluation.engines import ENGINES
+
+    try:
+        with (
+            progress_bar("training", sum(job.total for job in jobs)) as bar,
+            closing(ENGINES[LOKY](train_seed, jobs, processes)) as running,
+        ):
+            ended = 0
+            for finished in running:
+                ended += len(finished)
+                done = sum(job.done for job in jobs)
+                text = f"{ended} of {pluralize(len(jobs), 'training')} complete"
+                bar.reach(done, sum(job.total for job in jobs), text)
+    except KeyboardInterrupt:
+        print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
+        return INTERRUPTED
+    except SimulationError as error:
+        raise SimulationError(
+            f"{str(error).removesuffix('.')}; the runs continue from their last checkpoints with: "
+            f"{again}."
+        ) from error
+    folder = jobs[0].folder.parent
+    print(f"{folder}: {pluralize(len(jobs), 'training')}; compare them with a rule-based driver:")
+    pattern = f"{folder.absolute().name}={folder / 'seed-*'}"
+    print(shlex.join(["drl-av", "evaluate", pattern, "gap-mobil"]))
+    return 0

@@ -1,0 +1,99 @@
+"""``drl-av train --seeds``: a run for each seed, the same bytes as each run alone."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from runs import TINY, error_message, files_of
+
+from drl_av.cli import main
+from drl_av.cli.seeds import SeedJob, seed_list, train_seed
+from drl_av.config.presets import preset
+from drl_av.env.custom import NOTHING_CUSTOM
+
+
+@pytest.fixture
+def settings(here: Path) -> str:
+    Path("tiny.toml").write_text(TINY.updated("learning", episodes=4).to_toml())
+    return "tiny.toml"
+
+
+def test_the_words_of_seeds() -> None:
+    assert seed_list("1-3,7,2") == [1, 2, 3, 7]
+
+
+@pytest.mark.parametrize("words", ["", "3-1", "a", "1-", "-1", "1,,2", "0-999999999"])
+def test_wrong_seeds_are_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["train", "--out", "run", "--seeds", words])
+    assert "--seeds" in capsys.readouterr().err
+
+
+def test_each_run_has_the_bytes_of_the_same_run_alone(
+    settings: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["train", "--config", settings]
+    assert main([*words, "--out", "many", "--seeds", "3,4", "--jobs", "2"]) == 0
+    assert "drl-av evaluate 'many=many/seed-*' gap-mobil" in capsys.readouterr().out
+    assert main([*words, "--out", "one", "--seed", "4"]) == 0
+    assert {folder.name for folder in Path("many").iterdir()} == {"seed-3", "seed-4"}
+    assert files_of(Path("many/seed-4")) == files_of(Path("one"))
+    assert files_of(Path("many/seed-3")) != files_of(Path("one"))
+    # again: refused, then a run that was stopped early and one that is missing are made
+    capsys.readouterr()
+    assert main([*words, "--out", "many", "--seeds", "3-5"]) == 1
+    assert "many/seed-3 exists already: continue it with --resume" in error_message(capsys)
+    whole = files_of(Path("many/seed-3"))
+    shutil.rmtree("many/seed-3")
+    assert main(["train", "--out", "many", "--seeds", "3,4", "--resume"]) == 0
+    assert files_of(Path("many/seed-3")) == whole
+    other = ["--seeds", "3,4", "--resume", "--episodes", "9"]
+    assert main(["train", "--out", "many", *other]) == 1
+    assert "begun with other settings" in error_message(capsys)
+
+
+def test_a_stopped_run_continues_to_the_same_bytes(settings: str) -> None:
+    from drl_av.env.highway import HighwayEnv
+    from drl_av.learning.run import Run, train
+    from drl_av.learning.training import build_training
+
+    config = TINY.updated("learning", episodes=4)
+    whole, stopped = (SeedJob(Path(n), config, NOTHING_CUSTOM, False) for n in ("a", "b"))
+    train_seed(whole)
+    run, env = Run(Path("b")), HighwayEnv(config=config)
+    training = build_training(env)
+    run.create(training)
+    for _ in train(run, training):
+        if training.episodes_done == 3:  # one more than the last checkpoint
+            break
+    env.close()
+    assert (stopped.done, stopped.total) == (3, 4)
+    train_seed(stopped)
+    train_seed(stopped)  # complete: as it is
+    assert files_of(Path("b")) == files_of(Path("a"))
+
+
+def test_a_training_at_scale_that_was_stopped_is_named(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = preset("large").updated("ppo", decisions=3, batch_size=1)
+    config = config.updated("learning", seed=1)
+    folder = Path("runs/seed-1")
+    folder.mkdir(parents=True)
+    (folder / "config.toml").write_text(config.to_toml())
+    (folder / "updates.csv").write_text("decisions,mean_reward,collisions\n1,0.0,0\n2,0.0,0\n")
+    job = SeedJob(folder, config, NOTHING_CUSTOM, False)
+    assert (job.done, job.total, job.is_stopped) == (2, 3, True)
+    assert main(["train", "--out", "runs", "--seeds", "1,2", "--resume"]) == 1
+    assert f"{folder} holds a training at scale that was stopped" in error_message(capsys)
+    with (folder / "updates.csv").open("a") as table:
+        table.write("3,0.0,0\n")
+    held = files_of(folder)
+    assert not job.is_stopped
+    train_seed(job)  # complete: as it is
+    assert files_of(folder) == held
+
+
+def test_several_processes_need_several_seeds(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "--out", "run", "--jobs", "2"]) == 1
+    assert "--jobs 2 needs --seeds" in error_message(capsys)
