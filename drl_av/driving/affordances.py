@@ -244,9 +244,11 @@ def indicators(
         behind, gap_m = ahead_m < 0.0, abs(ahead_m) - (length_m[row] + own_length_m) / 2
         reach_m = width_m[row] / 2 + half_lane_m
         for pair, center_m in enumerate((own_m, right_m, left_m)):
-            slot = 2 * pair + behind
-            if (abs(y_m[row] - center_m) < reach_m) & (gap_m < values[4 * slot]):
-                values[4 * slot], codes[slot] = gap_m, row
+            slot = 2 * pair + behind  # no branch, because none could be foreseen
+            nearest_m, its_row = values[4 * slot], codes[slot]
+            is_nearer = (abs(y_m[row] - center_m) < reach_m) & (gap_m < nearest_m)
+            values[4 * slot] = gap_m if is_nearer else nearest_m
+            codes[slot] = row if is_nearer else its_row
     front_m = own_s_m + own_length_m / 2
     codes[LANE], codes[CHANGES], values[WITHIN], values[FRONT] = lane, 0, np.inf, front_m
     codes[RIGHT_LANE], codes[LEFT_LANE] = is_open(lane - 1, road), is_open(lane + 1, road)

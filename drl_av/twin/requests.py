@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.simulation.speed_requests import (
     LOOK_AHEAD_M,
     limited_speed,
@@ -54,7 +54,7 @@ def request_speeds(world: World, loop: Loop) -> None:
             )
 
 
-@borrowing
+@inlined
 def leader(world: World, loop: Loop, k: int) -> tuple[int, float]:
     """Return the vehicle ahead of the ``k``-th one and the net gap to it, as SUMO's getLeader.
 
