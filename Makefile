@@ -54,8 +54,8 @@ prove: setup
 
 # The shipped driver, trained again (minutes).
 pretrained: setup
-	$(BIN)/drl-av train --config drl_av/pretrained/config.toml --out runs/pretrained
-	cd runs/pretrained && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/
+	$(BIN)/drl-av train --preset large --out runs/pretrained
+	cd runs/pretrained && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/
 
 # The driver by the paper's whole schedule, trained again (half an hour).
 pretrained-paper: setup
@@ -77,9 +77,8 @@ results: setup
 	$(BIN)/python -m studies --jobs 2
 	$(BIN)/python -m verification.step_lengths --out docs/results/step_length.csv
 	$(BIN)/python -m verification.stories --out docs/results/stories.csv
-	$(BIN)/drl-av figures drl_av/pretrained --out docs/results
-	$(call text,falsified_strict.txt,-m verification.falsify --check strict)
-	$(call text,falsified_paper.txt,-m verification.falsify --check paper)
+	$(call text,falsified_strict.txt,-m verification.falsify --safety-check strict)
+	$(call text,falsified_paper.txt,-m verification.falsify --safety-check paper)
 	$(call text,proved_strict.txt,-m verification.prove)
 	$(call text,completeness_strict.txt,-m verification.completeness)
 	$(call text,speed_bound.txt,tools/bound_speeds.py)
@@ -105,7 +104,6 @@ results: setup
 	$(call text,exit_paper.txt,-m verification.ramps --kind exit --driver runs/paper-exit --episodes 200)
 	$(call text,ramp_to_ramp_paper.txt,-m verification.ramps --kind ramp_to_ramp --driver runs/paper-ramp_to_ramp --episodes 200)
 	$(BIN)/python -m verification.ramps_figure docs/results
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
 	$(call text,twin_equality.txt,-m verification.twin_equality)

@@ -1,6 +1,6 @@
 """The study ``adaptation``: safety triggers with and without continual adaptation.
 
-It corresponds to Fig. 8 of the paper, with the shipped driver.
+It corresponds to Fig. 8 of the paper, with a driver of the preset ``fast``.
 """
 
 from pathlib import Path
@@ -10,18 +10,29 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import adaptation as adapted
-from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.config.presets import preset
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.evaluation.statistics import mean_with_interval, moving_average
 from drl_av.files import Row
-from studies.learning_curves import curve, reporting_plan
+from studies.learning_curves import LATE_BRAKING, curve, reporting_plan
 from studies.options import Options, Plan, Program
 from studies.results import ResultsFolder, markdown_table
+from studies.study import changed
 from studies.trainings import TrainingJob, blocks_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+ORIGIN = {
+    "episodes": 1000,
+    "seed": 1,
+    "evaluate_every": 100,
+    "speed_weight": 0.8,
+    "discount": 0.95,
+    "learning_rate": 1e-3,
+    "lane_change_margin": 0.04,
+}
+"""The [learning] settings in which the driver's training differs from the preset ``fast``."""
 CHANGES = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
 """The [learning] settings in which each variant differs from ``drl-av adapt``."""
 BLOCK = 100
@@ -35,14 +46,14 @@ COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
 def adaptation_plan(options: Options) -> Plan:
-    """Return a plan to continue the training of the shipped driver, with and without learning.
+    """Return a plan to continue the training of a driver, with and without learning.
 
-    Because they continue with the experience that the shipped driver collected, its training is
-    repeated first. The folder of this training contains the folders of the others.
+    Because they continue with the experience that the driver collected, it is trained first. The
+    folder of this training contains the folders of the others.
     """
-    shipped = default_config(find_drivers(["pretrained"])).updated("safety", check="paper")
-    origin = _job("pretrained", options.with_files(shipped), options.runs)
-    base = options.with_files(adapted(shipped))
+    trained = changed(preset("fast"), LATE_BRAKING).updated("learning", **ORIGIN)
+    origin = _job("pretrained", options.with_files(trained), options.runs)
+    base = options.with_files(adapted(trained))
     configs = {
         variant: base.updated("learning", seed=0, **settings)
         for variant, settings in CHANGES.items()
@@ -114,7 +125,7 @@ def adaptation_figure(folder: Path) -> "Figure":
 
 ADAPTATION = Program(
     name="adaptation",
-    meaning="safety triggers of the shipped driver with and without continual adaptation",
+    meaning="safety triggers of a driver with and without continual adaptation",
     row=f"means over {BLOCK} episodes",
     plan=adaptation_plan,
     derived={},

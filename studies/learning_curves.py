@@ -35,6 +35,8 @@ CHANGES: dict[str, Settings] = {
     "prioritized": {"learning": {"replay": "prioritized"}},
 }
 """The settings that each variant changes, by section of the config."""
+LATE_BRAKING: Settings = {"traffic": {"keep_stopping_distance": False}}
+"""The traffic of these trainings, from before SUMO's vehicles kept a stopping distance."""
 SEEDS, EPISODES = 10, 3000
 """Number of trainings of each variant, and their episodes; those of ``WHOLE`` go on."""
 WHOLE = {"paper": 10, "permit_all": 1, "prioritized": 1}
@@ -80,7 +82,7 @@ def curve_plan(options: Options) -> Plan:
 
     The first seeds of each variant, ``WHOLE``, then go on to the end of the schedule.
     """
-    base = options.with_files(Config())
+    base = options.with_files(changed(Config(), LATE_BRAKING))
     configs = {variant: changed(base, settings) for variant, settings in CHANGES.items()}
     learning = base.learning
     every, schedule = learning.evaluate_every, learning.episodes

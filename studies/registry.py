@@ -8,10 +8,8 @@ from studies.study import FileStudy
 
 PROGRAMS = {study.name: study for study in (CURVES, ADAPTATION, BARRICADE)}
 ORDER = (
-    *("curves", "final_policies", "fast", "density_sweep", "opponents", "comfort", "straight"),
-    *("cross_table", "training_seeds", "check_paper", "check_permit_all", "reference_acc"),
-    *("exact_speed", "literal", "barricade_pretrained", "strict", "real_bounds", "adaptation"),
-    "barricade",
+    *("opponents", "straight", "strict", "check", "curves", "final_policies", "density_sweep"),
+    *("fast", "literal", "adaptation", "barricade"),
 )
 """The studies of this repository; files that are not named follow in alphabetical order."""
 _FILES = {path.stem: FileStudy(path) for path in sorted(FOLDER.glob("*.toml"))}

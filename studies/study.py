@@ -16,7 +16,6 @@ from drl_av.env.metrics import EpisodeMetrics
 from drl_av.errors import ConfigError
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.provenance import checksum
-from drl_av.evaluation.statistics import paired
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from studies.engine import EpisodeCell
@@ -35,7 +34,7 @@ METRICS: Mapping[str, type[EpisodeMetrics]] = {
 KEYS = {
     "": {
         *("meaning", "row", "columns", "order", "settings_named", "settings", "metrics"),
-        *("rows", "variants", "trainings", "tables", "figures", "gains"),
+        *("rows", "variants", "trainings", "tables", "figures"),
     },
     "rows": {"drivers", "traffic", "vehicles", "seeds"},
     "variants": {"drivers", "vehicles", "episodes", "columns", "settings", "label", "trained"},
@@ -252,9 +251,8 @@ class FileStudy:
 
     @property
     def derived(self) -> Mapping[str, Callable[[list[Row]], list[Row]]]:
-        """Further tables: the gains of a driver over others, if the file has ``gains``."""
-        gains = self.file.get("gains")
-        return {gains["file"]: partial(_gains, gains["driver"], gains["over"])} if gains else {}
+        """No further tables."""
+        return {}
 
     @property
     def tables(self) -> Mapping[str, Callable[[Path], str]]:
@@ -290,9 +288,9 @@ def with_check(config: Config, bounds: str) -> Config:
         config: The settings to change.
         bounds: ``"paper"`` for the check ``paper``, ``"strict"`` for the check ``strict`` with the
             bounds of ``config``, or ``"real"`` for ``strict`` with bounds of real traffic. They are
-            the variants of ``real_bounds.toml``.
+            the variants of ``strict.toml``.
     """
-    study = FileStudy(FOLDER / "real_bounds.toml")
+    study = FileStudy(FOLDER / "strict.toml")
     [settings] = [each.settings for each in study.variants if each.name == bounds]
     return changed(config, {"safety": {"check": "paper"}, **settings})
 
@@ -318,23 +316,3 @@ def _seed(first: int) -> Callable[[str], int]:
         return number
 
     return seed
-
-
-def _gains(driver: str, opponents: Sequence[str], rows: list[Row]) -> list[Row]:
-    """Return the driver's gain over each opponent at each number of vehicles.
-
-    An opponent that has not driven as many episodes there as the driver is left out.
-    """
-    from drl_av.evaluation.statistics import Speed, grouped
-
-    found = []
-    for vehicles, own in grouped(rows, lambda row: row["vehicles"]).items():
-        driven = grouped(own, lambda row: row["driver"])
-        ours = len(driven.get(driver, []))
-        complete = [name for name in opponents if len(driven.get(name, [])) == ours]
-        speeds = [
-            Speed(row["driver"], int(vehicles), int(row["seed"]), float(row["mean_speed_m_s"]))
-            for row in own
-        ]
-        found += [gain.row() for gain in paired(speeds, driver, complete)]
-    return found

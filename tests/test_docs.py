@@ -24,6 +24,7 @@ from studies.study import with_check
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 ARGUMENTS = {
+    "check_in_highwayenv": ("1",),
     "cleanrl_dqn": ("240", "960 32"),
     "compare_drivers": ("2",),
     "maskable_ppo": ("64", "128 16"),

@@ -34,12 +34,12 @@ def with_late_braking(config: Config) -> Config:
     return config.updated("traffic", keep_stopping_distance=False)
 
 
-def test_it_was_trained_like_the_preset_fast_for_longer_and_with_more_weight_on_speed() -> None:
-    config = load_config(PRETRAINED / "config.toml")
-    own = {"speed_weight": 0.8, "discount": 0.95, "learning_rate": 1e-3, "lane_change_margin": 0.04}
-    own |= {"evaluate_every": 100}
-    expected = preset("fast").updated("learning", episodes=1000, seed=1, **own)
-    assert config == with_late_braking(expected)
+def test_it_was_trained_by_the_preset_large() -> None:
+    config = load_actor(PRETRAINED / "policy.safetensors")[1]
+    assert config == load_config(PRETRAINED / "config.toml") == preset("large")
+    rows = (PRETRAINED / "updates.csv").read_text().splitlines()
+    batch = config.ppo.batch_size
+    assert rows[-1].split(",")[0] == str(config.ppo.decisions // batch * batch)
 
 
 def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper() -> None:
@@ -65,7 +65,7 @@ def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind:
     assert sum(trip.success for trip in trips) >= 5
 
 
-Q_NETWORKS = {name: folder for name, folder in SHIPPED.items() if name != "pretrained-large"}
+Q_NETWORKS = {name: folder for name, folder in SHIPPED.items() if name != "pretrained"}
 
 
 @pytest.mark.parametrize("folder", [*Q_NETWORKS.values(), LEVEL_1], ids=[*Q_NETWORKS, "level_1"])
@@ -83,15 +83,7 @@ def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_wri
     }
 
 
-def test_the_driver_of_the_training_at_scale_has_the_settings_beside_it() -> None:
-    folder = SHIPPED["pretrained-large"]
-    config = load_actor(folder / "policy.safetensors")[1]
-    assert config == load_config(folder / "config.toml")
-    rows = (folder / "updates.csv").read_text().splitlines()
-    assert rows[-1].split(",")[0] == str(config.ppo.decisions // 16_384 * 16_384)
-
-
-@pytest.mark.parametrize("name", ["pretrained", "pretrained-paper", "pretrained-large"])
+@pytest.mark.parametrize("name", ["pretrained", "pretrained-paper"])
 def test_on_the_loop_they_are_faster_than_the_paper_s_rule_in_the_same_traffic_and_hit_nothing(
     name: str,
 ) -> None:

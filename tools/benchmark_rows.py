@@ -32,7 +32,7 @@ from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
-from drl_av.drivers.registry import load_learned, rule_driver
+from drl_av.drivers.registry import load_driver, rule_driver
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
@@ -81,7 +81,7 @@ def env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     rows = []
     for check, least in LEAST_RATIOS.items():
         config = crowded().updated("safety", check=check)
-        rates = env_and_bare(config, load_learned(PRETRAINED)[0], seeds, stack)
+        rates = env_and_bare(config, load_driver(PRETRAINED), seeds, stack)
         rows.append(Row(f"environment, check {check} | bare libsumo", *rates, least, 2_000))
     return rows
 

@@ -28,7 +28,7 @@ from studies.registry import STUDIES
 from studies.results import ResultsFolder, markdown_table
 from studies.study import FileStudy
 from verification import (
-    crash_rate,
+    crash_table,
     imported_nets,
     ramps,
     shielding_report,
@@ -107,7 +107,7 @@ TABLES: dict[str, Table] = {
     "observation": Table(observation),
     "actions": Table(actions),
     "studies": Table(study_table),
-    "crash_rate": Table(lambda: crash_rate.table(read("crash_rate.txt"))),
+    "crash_rate": Table(lambda: crash_table.table(read("crash_rate.txt"))),
     "imported_nets": Table(
         lambda: imported_nets.table(
             {

@@ -23,6 +23,7 @@ for python in "$@"; do
     echo "$name, $(du -sm "$name" | cut -f1) MB without torch"
     "$name/bin/drl-av" evaluate pretrained idm-mobil --vehicles 20 --episodes 2 --seed 800000
     "$name/bin/drl-av" replay --vehicles 5 --seed 800000 --decisions 3 --video "$name/drive.gif"
+    "$name/bin/python" -m verification.crash_rate --driver gap-mobil --tests 2 --careless 0.5
     "$name/bin/drl-av" train --out "$name/run" --episodes 1 && exit 1
     "$name/bin/python" - <<'PROGRAM'
 import gymnasium

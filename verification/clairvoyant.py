@@ -43,10 +43,10 @@ HORIZON = 20
 """Number of decisions, of 1 s each, for which a plan is tried."""
 INTERVAL = 2
 """Number of decisions from one search to the next."""
-DRIVERS = ("gap-mobil", "pretrained-large")
+DRIVERS = ("gap-mobil", "pretrained")
 SEARCH = "search"
 SEEDS = 920_000
-"""Traffic seed of the first episode; the study ``real_bounds`` begins with it, too."""
+"""Traffic seed of the first episode."""
 Policy = Callable[[TwinVectorEnv], npt.NDArray[np.int64]]
 """A function that returns an action for each world, shape (worlds,)."""
 
@@ -233,7 +233,7 @@ def main() -> int:
         help="numbers of vehicles around the ego (default: 10 15 20 25)",
     )
     parser.number("--episodes", 100, "of each", low=2)
-    parser.add_argument("--base", default="pretrained-large", help="default: pretrained-large")
+    parser.add_argument("--base", default="pretrained", help="default: pretrained")
     parser.add_argument(
         "--driver",
         nargs="+",

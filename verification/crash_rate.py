@@ -1,7 +1,8 @@
-"""Estimates the crash rate of the shipped driver among human drivers.
+"""Estimates the crash rate of a driver among human drivers, by default the shipped one's.
 
     python -m verification.crash_rate --tests 40000 --jobs 2        # by importance sampling
     python -m verification.crash_rate --people --tests 400000       # by plain sampling
+    python -m verification.crash_rate --driver my.zip pretrained --safety-check paper my_check:mine
 
 ``crash_tests.py`` defines the tests, ``naturalistic.py`` the model of the human drivers. An
 adversary makes dangerous acts near the ego more frequent; the weights of the tests remove the bias.
@@ -15,13 +16,12 @@ second, and their steering and gaps are not those of ``naturalistic.py``.
 """
 
 import argparse
-import re
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from drl_av.road.road import FloatArray
-from studies.results import markdown_table
 from verification.crash_tests import CHECKS, Outcome, run, settings
 from verification.naturalistic import ADVERSARY, CARELESS_SHARE, PEOPLE
 from verification.program import Program, run_program
@@ -70,40 +70,13 @@ def report(check: str, outcome: Outcome) -> str:
     km = float((outcome.km * outcome.weights).sum() / outcome.weights.sum())
     between = f"{km / rates[1].upper:,.0f}" if rates[1].upper else "inf"
     return (
-        f"{CHECKS[check]}: {len(crashed)} tests of {km:.2f} km, {int(crashed.sum())} with a crash\n"
+        f"{CHECKS.get(check, check)}: {len(crashed)} tests of {km:.2f} km, "
+        f"{int(crashed.sum())} with a crash\n"
         f"  crashes per test {rates[0]}\n  the ego hits a vehicle {rates[1]}, "
         f"so more than {between} km between hits\n  the ego is hit {rates[2]}\n"
         f"  decisions without a permitted action: {int(outcome.unanswered.sum())}; mean weight "
         f"{outcome.weights.mean():.3f}"
     )
-
-
-ENTRY = re.compile(
-    r"^([\w, ]+): \d+ tests of ([\d.]+) km.*\n  crashes per test (.*)\n"
-    r"  the ego hits a vehicle (.*), so more than ([\d,]+|inf) km",
-    re.MULTILINE,
-)
-"""Matches the report of a check: name, km per test, crashes, hits by the ego, km between these."""
-
-
-def table(printed: str) -> str:
-    """Return the output of this program as a Markdown table; the intervals are 95 % intervals."""
-    names = [
-        "careless",
-        "check",
-        "crashes per test",
-        "crashes per km",
-        "the ego's own hits per test",
-    ]
-    lines = []
-    for part in re.split(r"^(?=[\d.]+ % of the lane changes)", printed, flags=re.MULTILINE)[1:]:
-        for check, km, crashes, own, between in ENTRY.findall(part):
-            numbers = [
-                float(number) / float(km) for number in re.findall(r"[\d.]+e[-+]\d+", crashes)
-            ]
-            share = f"{part.split(' ', 1)[0]} %"
-            lines.append([share, check, crashes, str(Rate(*numbers)), own, between])
-    return markdown_table([*names, "km between those, more than"], lines)
 
 
 def add_careless(parser: argparse.ArgumentParser) -> None:
@@ -129,7 +102,8 @@ def main() -> int:
     """Simulate the tests of each check and print its report; return 0."""
     parser = Program(__doc__)
     parser.number("--tests", 40_000, "for each check and share")
-    parser.some("--checks", CHECKS)
+    parser.drivers()
+    parser.checks(CHECKS, nargs="+", default=list(CHECKS))
     add_careless(parser)
     parser.number("--seed", 0, low=0)
     parser.add_argument(
@@ -140,10 +114,11 @@ def main() -> int:
     frequencies = PEOPLE if options.people else ADVERSARY
     for careless in options.careless:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
-        for check in options.checks:
+        for driver, check in product(options.driver, options.safety_check):
             how = (frequencies, options.seed, careless)
-            found = run(settings(check), options.tests, *how, jobs=options.jobs)
-            print(report(check, found), flush=True)
+            named = {"driver": driver, "jobs": options.jobs}
+            found = run(settings(check), options.tests, *how, **named)
+            print(f"driver {driver}\n{report(check, found)}", flush=True)
     print(parser.made_by())
     return 0
 

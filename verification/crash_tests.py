@@ -1,23 +1,24 @@
-"""Simulates tests of 27 s: the shipped driver under a check, among naturalistic.py's human drivers.
+"""Simulates tests of 27 s: a driver under a check, among naturalistic.py's human drivers.
 
 In a test the ego drives about 800 m, at 30 m/s, among nine vehicles on a three-lane highway.
 ``naturalistic.starts`` draws the start.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.policy_file import PRETRAINED
-from drl_av.drivers.registry import load_driver
+from drl_av.drivers.registry import find_drivers, make_drivers
+from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.observation_scale import ObservationScale
+from drl_av.errors import ConfigError
 from drl_av.evaluation.processes import workers
 from drl_av.road.road import FloatArray
-from studies.study import with_check
 from verification.adversary import ROAD, BatchCheck, IntArray, World
-from verification.falsify import check_of
+from verification.falsify import check_of, safety_check
 from verification.naturalistic import CARELESS_SHARE, Frequencies, Traffic, UnboundedMover, starts
 
 SECONDS = 27
@@ -31,6 +32,8 @@ CHECKS = {
     "real": "strict, bounds of real traffic",
 }
 """The meaning of each name that ``settings`` takes."""
+REAL = {"braking_m_s2": 9.0, "lateral_speed_m_s": 2.1}
+"""The bounds of real traffic, those of the study ``real_bounds``."""
 
 
 class Outcome(NamedTuple):
@@ -49,10 +52,29 @@ class Outcome(NamedTuple):
 
 
 def settings(check: str) -> Config:
-    """Return the config of one of ``CHECKS``."""
-    if check == "permit_all":
-        return Config().updated("safety", check=check)
-    return with_check(Config(), check)
+    """Return the config of one of ``CHECKS``, or of a check of the user, ``module:function``."""
+    if check == "real":
+        return settings("strict").updated("strict", **REAL)
+    return Config().updated("safety", check=check)
+
+
+def drivers(word: str, config: Config, tests: int) -> list[Driver]:
+    """Return the driver that a word names, once for each test, because it may have a state.
+
+    A driver from a file has none, so that one object drives all tests.
+
+    Raises:
+        ConfigError: there is no such driver, SUMO drives it, or the word names a check after an @.
+        RunError, CheckpointError: as ``make_drivers``.
+    """
+    [spec] = find_drivers([word])
+    if spec.under is not None:
+        raise ConfigError(f"{word} names a check: name it with --safety-check {spec.under}.")
+    check, objects = safety_check(config), tests if spec.run is None else 1
+    made = [make_drivers([spec], config, check)[spec.name] for _ in range(objects)]
+    if isinstance(made[0], SumoDriver):
+        raise ConfigError(f"SUMO itself drives {word}, and is not in these tests: take another.")
+    return made * (tests // objects)
 
 
 def run(
@@ -63,6 +85,7 @@ def run(
     careless: float = CARELESS_SHARE,
     people: type[Traffic] = Traffic,
     jobs: int = 1,
+    driver: str = "pretrained",
 ) -> Outcome:
     """Simulate the tests of one check, and return their results.
 
@@ -75,10 +98,11 @@ def run(
         careless: Share of the human drivers' lane changes that ignore the vehicle behind.
         people: The class that decides for the other drivers.
         jobs: Number of processes; the results do not depend on it.
+        driver: The driver, as ``drivers`` takes it.
     """
     sizes = {first: min(BATCH, tests - first) for first in range(0, tests, BATCH)}
     calls = [
-        (config, size, frequencies, (seed, first), careless, people)
+        (config, size, frequencies, (seed, first), careless, people, driver)
         for first, size in sizes.items()
     ]
     if jobs == 1:
@@ -97,23 +121,29 @@ def _batch(
     seed: tuple[int, int],
     careless: float,
     people: type[Traffic],
+    driver: str,
 ) -> Outcome:
     rng = np.random.default_rng(seed)
     world = starts(tests, config, rng)
-    return drive(config, world, people(world, frequencies, rng, careless), check_of(config))
+    traffic, made = people(world, frequencies, rng, careless), drivers(driver, config, tests)
+    for number, each in enumerate(made, start=seed[1]):
+        each.start(number)
+    return drive(config, world, traffic, check_of(config), made)
 
 
-def drive(config: Config, world: World, traffic: Traffic, check: BatchCheck) -> Outcome:
-    """Let the shipped driver drive the scenes of a world under a check; return the results.
+def drive(
+    config: Config, world: World, traffic: Traffic, check: BatchCheck, egos: Sequence[Driver]
+) -> Outcome:
+    """Let a driver drive each scene of a world under a check; return the results.
 
     The world changes in place.
     """
-    size, driver, mover = len(world.x_m), load_driver(PRETRAINED), UnboundedMover(config)
+    size, mover = len(world.x_m), UnboundedMover(config)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
     begin_m = world.x_m[:, 0].copy()
     weights, unanswered = np.ones(size), np.zeros(size)
     for _ in range(SECONDS):
-        executed = check(world, proposals(world, driver, scale))
+        executed = check(world, proposals(world, egos, scale))
         going = np.array([row not in world.collisions for row in range(size)])
         unanswered += going & (check(world, executed) != executed)
         orders = traffic.decide(world, executed)
@@ -126,8 +156,8 @@ def drive(config: Config, world: World, traffic: Traffic, check: BatchCheck) -> 
     return Outcome(weights, hits[0], hits[1], km, unanswered)
 
 
-def proposals(world: World, driver: Driver, scale: ObservationScale) -> IntArray:
-    """Ask the driver for its action number, 0 to 11, in each scene; shape (scenes,).
+def proposals(world: World, egos: Sequence[Driver], scale: ObservationScale) -> IntArray:
+    """Ask the driver of each scene for its action number, 0 to 11; shape (scenes,).
 
     The number is 0 in scenes that have ended with a collision.
     """
@@ -135,5 +165,6 @@ def proposals(world: World, driver: Driver, scale: ObservationScale) -> IntArray
     for row in range(len(world.x_m)):
         if row not in world.collisions:
             scene = world.scene(row)
-            proposed[row] = driver.act(scene, scale(scene.affordances.vector())).number
+            observation = scale(scene.affordances.vector())
+            proposed[row] = egos[row].act(scene, observation).number
     return proposed

@@ -5,9 +5,12 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
-from drl_av.cli.options import int_at_least
+from drl_av.cli.options import driver_words, int_at_least
 from drl_av.cli.status import exit_status
+from drl_av.config.functions import is_factory
+from drl_av.config.schema import did_you_mean
 from drl_av.evaluation.provenance import made_by
 
 
@@ -27,6 +30,34 @@ class Program(argparse.ArgumentParser):
         """Add an option that takes one or more of the ``choices``; its default is all of them."""
         known = list(choices)
         self.add_argument(name, nargs="+", choices=known, default=known, help="default: all")
+
+    def drivers(self) -> None:
+        """Add the option ``--driver``, one or more drivers; by default the shipped one."""
+        self.add_argument(
+            "--driver",
+            nargs="+",
+            default=["pretrained"],
+            metavar="NAME",
+            help=f"{driver_words()} (default: pretrained)",
+        )
+
+    def checks(self, known: Iterable[str], **options: Any) -> None:
+        """Add the option ``--safety-check``: a name among ``known``, or ``module:function``.
+
+        ``options`` are those of ``add_argument``.
+        """
+        names = list(known)
+
+        def check(word: str) -> str:
+            if word not in names and not is_factory(word):
+                raise argparse.ArgumentTypeError(
+                    f"{word!r} is no check{did_you_mean(word, names)}: give one of "
+                    f"{', '.join(names)}, or your own as module:function"
+                )
+            return word
+
+        text = f"{', '.join(names)}, or your own as module:function"
+        self.add_argument("--safety-check", type=check, metavar="NAME", help=text, **options)
 
     def spent_s(self) -> float:
         """Return the wall time since the program began, seconds."""

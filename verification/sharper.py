@@ -20,7 +20,7 @@ from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
 from verification.adversary import BatchCheck, BatchStrict, IntArray, World
 from verification.completeness import Refusals, on_road, rows_of, safe
-from verification.crash_tests import SECONDS, Outcome, drive, settings
+from verification.crash_tests import SECONDS, Outcome, drive, drivers, settings
 from verification.falsify import show
 from verification.naturalistic import PEOPLE, Traffic, starts
 from verification.program import Program, run_program
@@ -61,7 +61,8 @@ def driven(config: Config, check: BatchCheck, tests: int, seed: int) -> Outcome:
     """
     rng = np.random.default_rng(seed)
     world = starts(tests, config, rng)
-    return drive(config, world, Traffic(world, PEOPLE, rng), check)
+    egos = drivers("pretrained", config, tests)
+    return drive(config, world, Traffic(world, PEOPLE, rng), check, egos)
 
 
 def compared(bounds: str, tests: int, adversaries: int, seed: int) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ import argparse
 import shlex
 import sys
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +53,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         "run",
         nargs="?",
         metavar="RUN",
-        help="folder of the run to start from (default: the shipped driver)",
+        help="folder of the run to start from (default: pretrained-paper)",
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="RUN2", help="the new run's folder; must be new"
@@ -152,7 +151,7 @@ def adapt(options: argparse.Namespace) -> int:
             f"--resume continues {options.out} with the driver that it began with: leave "
             f"{options.run} out."
         )
-    run, word = Run(options.out), "pretrained" if options.run is None else options.run
+    run, word = Run(options.out), "pretrained-paper" if options.run is None else options.run
     [spec] = find_drivers([word])
     if spec.run is None:
         raise ConfigError(
@@ -198,7 +197,6 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
         return _unchanged(
             run, stored, with_command_line(stored, options).updated("learning", **given)
         )
-    spec = replace(spec, check=None)  # that of its training
     base = adaptation(default_config([spec]))
     config = with_command_line(base, options).updated("learning", **given)
     make_drivers([spec], config)

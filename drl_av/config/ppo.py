@@ -28,7 +28,7 @@ class PpoConfig(Section):
     collision_cost: cost of a collision (ours)
     """
 
-    decisions: int = setting(10_000_000, low=1, high=10**10)
+    decisions: int = setting(20_000_000, low=1, high=10**10)
     worlds: int = setting(256, low=1, high=10**5)
     batch_size: int = setting(16_384, low=1, high=10**7)
     minibatch_size: int = setting(1_024, low=1, high=10**7)
@@ -39,8 +39,8 @@ class PpoConfig(Section):
     discount: float = setting(0.99, low=0, high=1)
     gae_lambda: float = setting(0.95, low=0, high=1)
     entropy: float = setting(0.002, low=0, high=10)
-    abort_cost: float = setting(0.1, low=0, high=100)
-    reversal_cost: float = setting(0.02, low=0, high=100)
+    abort_cost: float = setting(0.3, low=0, high=100)
+    reversal_cost: float = setting(0.05, low=0, high=100)
     hard_brake_cost: float = setting(0.1, low=0, high=100)
     short_headway_cost: float = setting(0.1, low=0, high=100)
     forced_brake_cost: float = setting(0.5, low=0, high=100)

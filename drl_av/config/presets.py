@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from drl_av.config import Config, from_sections, load_config
+from drl_av.config import SINGLE_PRESETS, Config, from_sections, load_config
 from drl_av.config.schema import did_you_mean
 from drl_av.errors import ConfigError
 
@@ -39,7 +39,7 @@ PRESETS: dict[str, Config] = {
     .updated("simulation", world="twin")
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
-    .updated("traffic", presets=("calm", "overtaking"), vehicles_max=40),
+    .updated("traffic", presets=SINGLE_PRESETS, vehicles_max=40),
     "literal": from_sections(LITERAL),
 }
 _FAST_ON_RAMPS = {

@@ -25,12 +25,11 @@ State = dict[str, np.ndarray]
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 """Folder of the driver that ships with the package, in the layout of a run."""
 SHIPPED = {"pretrained": PRETRAINED} | {
-    f"pretrained-{name}": PRETRAINED / name
-    for name in ("paper", "large", "merge", "exit", "ramp_to_ramp")
+    f"pretrained-{name}": PRETRAINED / name for name in ("paper", "merge", "exit", "ramp_to_ramp")
 }
-"""The folder of each driver that ships with the package, by the driver's name. Three are for the
-loop: ``pretrained``; ``pretrained-paper``, trained with the paper's schedule; and
-``pretrained-large``, trained at scale. Each of the others is for one kind of road with a ramp."""
+"""The folder of each driver that ships with the package, by the driver's name. Two are for the
+loop: ``pretrained``, trained at scale; and ``pretrained-paper``, by the paper's algorithm and
+schedule. Each of the others is for one kind of road with a ramp."""
 FORMAT = "drl_av/1"
 """The only key in the metadata of a file. One key keeps files reproducible: safetensors writes
 several keys in random order."""

@@ -7,12 +7,12 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from drl_av.config import Config
+from drl_av.config import Config, TrafficConfig
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, as_config
 from drl_av.config.schema import did_you_mean
@@ -63,9 +63,6 @@ Each worker process has its own copy of this table. An evaluation with a driver 
 adds at run time can therefore use one process only.
 """
 
-DRIVES_UNDER = {"pretrained": "strict"}
-"""The safety check under which a shipped driver drives by default, if its training had another."""
-
 DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
@@ -80,8 +77,6 @@ class DriverSpec:
     """The run's folder or the driver's file; None for a rule-based driver or a factory."""
     own: Driver | None = None
     """The driver object that the user's program passes; None if ``name`` is to be loaded."""
-    check: str | None = None
-    """The safety check under which it drives by default; None for that of its training."""
     under: str | None = None
     """The safety check that the user names with it, as in ``pretrained@paper``; None for that of
     the evaluation."""
@@ -175,9 +170,9 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     count = Counter(short.values())
     specs = []
     for word, run in runs.items():
-        own, under = _with_check(word)
+        _, under = _with_check(word)
         name = printable(short[word] if count[short[word]] == 1 else word)
-        specs.append(DriverSpec(name, run, check=DRIVES_UNDER.get(own), under=under))
+        specs.append(DriverSpec(name, run, under=under))
     return tuple(specs)
 
 
@@ -224,7 +219,8 @@ def _unknown(word: str) -> ConfigError:
 def default_config(specs: Sequence[DriverSpec]) -> Config:
     """Return the config of the first learned driver, or the default config without one.
 
-    It is that of the driver's training, in SUMO, with the safety check of ``DRIVES_UNDER``.
+    It is that of the driver's training, in SUMO, with the safety check that the user names with it.
+    If the training drew the kind of traffic of each episode, the traffic is the default one.
 
     Raises:
         RunError: the run of that driver does not exist, or has not saved a policy yet.
@@ -232,8 +228,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
     """
     for spec in specs:
         if found := spec.learned or spec.actor:
-            config, check = found[1].updated("simulation", world="sumo"), spec.under or spec.check
-            return config.updated("safety", check=check) if check else config
+            config = spec.config(found[1].updated("simulation", world="sumo"))
+            return replace(config, traffic=TrafficConfig()) if config.traffic.presets else config
     return Config()
 
 

@@ -5,10 +5,14 @@
 
 from typing import Any, NamedTuple
 
-from drl_av.config import Config
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config, ObservationConfig
 from drl_av.driving.actions import Action, Lateral, nearest_action, toward
-from drl_av.driving.affordances import Affordances, Indicators, affordances_of
-from drl_av.road.road import ARRIVED_M, Road
+from drl_av.driving.affordances import Affordances, Indicators, affordances_of, compute_affordances
+from drl_av.errors import ConfigError
+from drl_av.road.road import ARRIVED_M, OPEN_LAP_M, Road
 from drl_av.road.snapshot import EGO, Snapshot
 
 
@@ -64,6 +68,66 @@ class Scene:
         scene.snapshot, scene.lane_change = snapshot, lane_change
         scene._affordances, scene._indicators, scene._road = None, indicators, road
         return scene
+
+    @classmethod
+    def from_arrays(
+        cls,
+        s_m: npt.ArrayLike,
+        y_m: npt.ArrayLike,
+        speed_m_s: npt.ArrayLike,
+        lateral_speed_m_s: npt.ArrayLike = 0.0,
+        length_m: npt.ArrayLike = 5.0,
+        width_m: npt.ArrayLike = 1.8,
+        *,
+        lanes: int = 3,
+        lane_width_m: float = 3.8,
+        lane_change: LaneChange | None = None,
+    ) -> "Scene":
+        """Return the scene of vehicles on a straight road, for a safety check outside SUMO.
+
+        Each of the first six arguments is an array of shape (1 + N,), the ego first, or one number
+        for all vehicles.
+
+        Args:
+            s_m: Positions of the centres of the bodies along the road, from any origin.
+            y_m: Positions across the road, left positive; the centre of lane k is at
+                ``k * lane_width_m``, and lane 0 is the rightmost.
+            speed_m_s: Speeds.
+            lateral_speed_m_s: Lateral speeds, left positive.
+            length_m: Lengths of the bodies.
+            width_m: Widths of the bodies.
+            lanes: Number of lanes.
+            lane_width_m: Width of each lane.
+            lane_change: The ego's lane change in progress.
+
+        Raises:
+            ConfigError: the arrays do not fit together, a value is not finite, or the ego is in
+                none of the lanes.
+        """
+        given = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
+        try:
+            together = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in given))
+        except ValueError as error:
+            raise ConfigError(
+                f"The arrays of a scene do not fit together ({error}): give each shape (1 + N,), "
+                "the ego first, or one number."
+            ) from error
+        arrays = np.array(together)
+        if arrays[0].ndim != 1 or not np.isfinite(arrays).all():
+            raise ConfigError(
+                f"The arrays of a scene have shape {arrays[0].shape}, or hold nan or inf: give "
+                "each shape (1 + N,), the ego first, and finite numbers."
+            )
+        road = Road(OPEN_LAP_M, lane_width_m, (True,) * lanes, end_m=OPEN_LAP_M)
+        if not road.is_open(road.lane_of(arrays[1][EGO])):
+            raise ConfigError(
+                f"The ego is at y_m = {arrays[1][EGO]:g}, but the centres of the {lanes} lanes are "
+                f"at 0 to {road.center_m(lanes - 1):g}, left positive: change y_m or the lanes."
+            )
+        ids = "ego", *map(str, range(1, len(arrays[0])))
+        shot = Snapshot(0.0, ids, *arrays)
+        seen = compute_affordances(shot, road, ObservationConfig().range_m)
+        return cls(shot, seen, lane_change)
 
     @property
     def affordances(self) -> Affordances:

@@ -38,7 +38,6 @@ STYLES = {
     "sumo": ("#56b4e9", "<"),
     "sumo-tuned": ("#332288", ">"),
     "random": ("#999999", "x"),
-    "pretrained-large": ("#004488", "*"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
 OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")

@@ -12,8 +12,11 @@ from worlds import ROAD, scene
 
 from drl_av.cli import main
 from drl_av.config import from_toml
+from drl_av.config.presets import preset
+from drl_av.config.reference import annotated_toml
+from drl_av.drivers.network import QNetwork
 from drl_av.drivers.onnx import described, export
-from drl_av.drivers.policy_file import PRETRAINED, load_run
+from drl_av.drivers.policy_file import SHIPPED, load_run, save_policy
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, SLOTS
@@ -25,14 +28,23 @@ from drl_av.errors import DrlAvError
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("export") / "driver.onnx"
-    assert main(["export", "pretrained", str(file)]) == 0
-    return file
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with three networks, mirrored, and a margin of lane changes."""
+    folder, config = tmp_path_factory.mktemp("run"), preset("fast")
+    networks = [QNetwork(np.random.default_rng(seed)) for seed in range(3)]
+    save_policy(folder / "policy.safetensors", networks, config)
+    (folder / "config.toml").write_text(annotated_toml(config))
+    return folder
 
 
-def test_it_decides_as_the_shipped_driver_on_10_000_observations(exported: Path) -> None:
-    driver, config = load_learned(PRETRAINED)
+@pytest.fixture(scope="module")
+def exported(run: Path) -> Path:
+    assert main(["export", str(run), str(run / "driver.onnx")]) == 0
+    return run / "driver.onnx"
+
+
+def test_it_decides_as_the_driver_on_10_000_observations(exported: Path, run: Path) -> None:
+    driver, config = load_learned(run)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
     rng = np.random.default_rng(0)
     s = rng.uniform(-1.2, 1.2, (10_000, len(INDICATORS))) * scale.bounds  # some are clipped
@@ -76,8 +88,8 @@ def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: 
     assert indicators[4] == {"name": "own_rear_d_x", "meaning": "net gap, bumper to bumper, m"}
     assert indicators[24] == {"name": "ego_v_x", "meaning": "speed of the ego, m/s"}
     assert (actions[0], actions[5], actions[11]) == tuple(str(ACTIONS[n]) for n in (0, 5, 11))
-    assert held["lane_change_margin"] == "0.04"
-    assert from_toml(held["config"]) == load_learned(PRETRAINED)[1]
+    assert held["lane_change_margin"] == "0.02"
+    assert from_toml(held["config"]) == load_learned(exported.parent)[1]
 
 
 def test_the_help_of_export_describes_them_too(capsys: pytest.CaptureFixture[str]) -> None:
@@ -136,7 +148,7 @@ def test_what_cannot_be_exported_is_named_with_what_can(
 def test_a_driver_whose_inputs_the_file_lacks_is_not_exported(
     way: bool, permitted_only: bool, message: str, tmp_path: Path
 ) -> None:
-    networks, config = load_run(PRETRAINED)
+    networks, config = load_run(SHIPPED["pretrained-paper"])
     config = config.updated("learning", permitted_only=permitted_only)
     config = config.updated("observation", way=way)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
@@ -146,8 +158,8 @@ def test_a_driver_whose_inputs_the_file_lacks_is_not_exported(
 
 
 def test_the_exported_driver_drives_the_same_episode(exported: Path) -> None:
-    specs = find_drivers(["pretrained"])
-    _, config = load_learned(PRETRAINED)
+    specs = find_drivers([str(exported.parent)])
+    _, config = load_learned(exported.parent)
     config = config.updated("simulation", decisions_per_episode=40)
     [own] = make_drivers(specs, config).values()
     [other] = make_drivers(find_drivers([str(exported)]), config).values()

@@ -103,7 +103,7 @@ def test_missing_ray_is_reported_before_anything_is_driven(
     with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):
         next(on_ray(print, [], 1))
     small = ["--episodes", "1", "--out", "results"]
-    assert main(["check_paper", "--engine", "ray", *small]) == 1
+    assert main(["check", "--engine", "ray", *small]) == 1
     assert capsys.readouterr().err.startswith("studies: Ray is not installed: pip install")
     assert not list(here.iterdir())
 

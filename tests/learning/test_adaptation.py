@@ -13,7 +13,7 @@ from drl_av.cli import main
 from drl_av.config import Config, load_config
 from drl_av.config.presets import adaptation, preset
 from drl_av.drivers.learned import network_values
-from drl_av.drivers.policy_file import PRETRAINED, load, load_policy
+from drl_av.drivers.policy_file import SHIPPED, load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
 
@@ -162,7 +162,7 @@ def test_both_meet_the_same_traffic_and_only_one_learns(
     assert {row["mean_loss"] for row in rows(frozen)} == {"0.0"}
 
 
-def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
+def test_the_paper_s_driver_brings_its_policy_and_waits_for_experience(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = tmp_path / "short.toml"
@@ -173,13 +173,14 @@ def test_the_shipped_driver_brings_its_policy_and_waits_for_experience(
     words = ["adapt", "--out", str(out), "--episodes", "2", "--config", str(settings)]
     assert main(words) == 0
     assert load_config(out / "config.toml").safety.check == "paper"  # that of its training
-    networks, _ = load_policy(PRETRAINED / "policy.safetensors")
-    for learner, network in zip(("learner", "learner1", "learner2"), networks, strict=True):
-        for name in ("online", "target"):
-            np.testing.assert_array_equal(tensors(out)[f"{learner}.{name}"], network.flat)
-        assert tensors(out)[f"{learner}.step"] == 0
+    networks, _ = load_policy(SHIPPED["pretrained-paper"] / "policy.safetensors")
+    for name in ("online", "target"):
+        np.testing.assert_array_equal(tensors(out)[f"learner.{name}"], networks[0].flat)
+    assert tensors(out)["learner.step"] == 0
     assert len(tensors(out)["buffer.safe.rows"]) == 10
-    message = "pretrained comes without the experience of its training: it learns from 64 collision"
+    message = (
+        "pretrained-paper comes without the experience of its training: it learns from 64 collision"
+    )
     assert message in capsys.readouterr().err
 
 
@@ -226,7 +227,7 @@ def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
         (["--learning-rate", "nan"], "learning.learning_rate is nan"),
         (["--config", "narrow.toml"], "does not fit a network of 27 -> 7 -> 7 -> 12"),
-        (["--config", "two.toml"], "was trained with learning.networks = 3: continue with as many"),
+        (["--config", "two.toml"], "was trained with learning.networks = 1: continue with as many"),
         (["--config", "blind.toml"], "was trained with other [observation] settings"),
         (["--resume"], "is not a run: it has no config.toml"),
     ],

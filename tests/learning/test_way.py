@@ -66,11 +66,11 @@ def test_it_drives_on_its_own_road_and_refuses_other_observations(
     assert main(["evaluate", str(run), "gap-mobil", *words]) == 0
     assert len(table.read_text().splitlines()) == 3
     assert load_driver(run)
-    for words in ([str(run), "pretrained"], ["pretrained", str(run)]):
+    for words in ([str(run), "pretrained-paper"], ["pretrained-paper", str(run)]):
         capsys.readouterr()
         assert main(["evaluate", *words, "--vehicles", "5", "--episodes", "1"]) == 1
         assert "was trained with other [observation] settings" in capsys.readouterr().err
     network = tmp_path / "network.onnx"
-    assert main(["export", "pretrained", str(network)]) == 0
+    assert main(["export", "pretrained-paper", str(network)]) == 0
     with pytest.raises(DrlAvError, match=r"network.onnx observes 27 indicators, but observation"):
         load_driver(network, Config().updated("observation", way=True))

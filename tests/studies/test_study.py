@@ -244,7 +244,7 @@ def test_the_vehicles_of_a_flow_are_those_that_the_inflow_sustains() -> None:
         assert variant.vehicles == (vehicles_of_flow(start, TrafficConfig()),)
 
 
-def test_the_settings_under_a_check_are_those_of_the_study_real_bounds() -> None:
+def test_the_settings_under_a_check_are_those_of_the_study_strict() -> None:
     base = Config().updated("strict", clearance_m=0.7)
     assert with_check(base, "paper") == base.updated("safety", check="paper")
     strict = with_check(base, "strict")

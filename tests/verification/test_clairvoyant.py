@@ -21,7 +21,7 @@ def twin() -> TwinVectorEnv:
     return TwinVectorEnv(config=TWIN, autoreset_mode=AutoresetMode.DISABLED)
 
 
-@pytest.mark.parametrize("name", ["gap-mobil", "pretrained-large"])
+@pytest.mark.parametrize("name", ["gap-mobil", "pretrained"])
 def test_with_its_base_alone_the_search_drives_as_that_does_and_foresees_its_way(
     name: str, twin: TwinVectorEnv
 ) -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drl_av.config import Config
 from drl_av.driving.car_following import idm_acceleration
-from verification import crash_rate, crash_tests
+from verification import crash_table, crash_tests
 from verification.adversary import LENGTH_M, World
 from verification.crash_rate import exact_share, rate, report
 from verification.crash_tests import run, settings
@@ -190,7 +190,7 @@ def test_the_table_of_the_documentation_is_what_the_program_prints() -> None:
         f"50 % of the lane changes are careless\n{report('real', found._replace(ego_hit=none))}"
     )
     # one of two: Clopper and Pearson; twice that a km
-    assert crash_rate.table(printed).splitlines()[2:] == [
+    assert crash_table.table(printed).splitlines()[2:] == [
         "| 1 % | paper | 5.00e-01 (1.26e-02 to 9.87e-01) | 1.00e+00 (2.52e-02 to 1.97e+00) "
         "| 5.00e-01 (1.26e-02 to 9.87e-01) | 1 |",
         "| 50 % | strict, bounds of real traffic | 0.00e+00 (0.00e+00 to 8.42e-01) "

@@ -1,0 +1,116 @@
+"""The safety checks in another environment, HighwayEnv's highway-v0, without SUMO.
+
+pip install 'drl-av[benchmark]'
+python examples/check_in_highwayenv.py 20
+
+An agent that accelerates and changes lanes at random, and never brakes, drives the given number of
+episodes without a check, under ``paper`` and under ``strict``.
+
+The argument of ``strict`` does not hold here, so that it is one more rule whose hits are counted: a
+lane change of HighwayEnv crosses the line after half a second, and no decision is left to abort it
+(``named_check`` refuses such an ego, ``Strict`` itself takes it); a speed controller stands for
+constant accelerations; and other vehicles cut in without regard to bound 3.
+"""
+
+import sys
+
+import gymnasium
+import highway_env  # registers highway-v0
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.driving.actions import ACTIONS, Lateral, Longitudinal
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.safety.check import SafetyCheck, permit_all
+from drl_av.safety.paper import Paper
+from drl_av.safety.strict import Strict
+
+SLOWER = 4
+"""The last meta action of HighwayEnv; the agent draws one of those before it."""
+LANES, LANE_M, NEAR_M = 4, 4.0, 0.2
+"""Number of lanes, their width, and how near the centre of its lane the ego changes no lane."""
+SETTINGS = {
+    "lanes_count": LANES,
+    "vehicles_count": 20,
+    "action": {"type": "DiscreteMetaAction", "target_speeds": np.linspace(0, 30, 7)},
+}
+CONFIG = (
+    Config()
+    .updated("ego", accelerate_m_s2=5.0, brake_m_s2=4.0, lane_change_duration_s=1.5)
+    # IDMVehicle brakes with at most ACC_MAX; 5 m/s sideways is measured, 4 m need 1.5 s
+    .updated("strict", braking_m_s2=6.0, acceleration_m_s2=3.0, lateral_speed_m_s=5.0)
+)
+CHECKS: dict[str, SafetyCheck] = {
+    "no check": permit_all,
+    "paper": Paper(CONFIG.safety),
+    "strict": Strict(CONFIG.strict, CONFIG.ego, CONFIG.simulation),
+}
+TO_OURS = {"LANE_LEFT": 8, "IDLE": 0, "LANE_RIGHT": 4, "FASTER": 1, "SLOWER": 3}
+ACROSS = {Lateral.LEFT: "LANE_LEFT", Lateral.KEEP: "IDLE", Lateral.RIGHT: "LANE_RIGHT"}
+ALONG = {Longitudinal.ACCELERATE: "FASTER", Longitudinal.MAINTAIN: "IDLE"}
+
+
+class Checked(gymnasium.Wrapper):
+    """Executes HighwayEnv's meta actions only as a safety check permits them."""
+
+    def __init__(self, env: gymnasium.Env, check: SafetyCheck) -> None:
+        super().__init__(env)
+        self._check = check
+
+    def scene(self) -> Scene:
+        """Return HighwayEnv's vehicles as a scene: its y axis points to the right."""
+        ego = self.unwrapped.vehicle
+        vehicles = [ego, *(each for each in self.unwrapped.road.vehicles if each is not ego)]
+        x_m, right_m = np.array([each.position for each in vehicles]).T
+        forward_m_s, right_m_s = np.array([each.velocity for each in vehicles]).T
+        target = LANES - 1 - ego.target_lane_index[2]
+        y_m = (LANES - 1) * LANE_M - right_m
+        left_m = target * LANE_M - y_m[0]
+        going = LaneChange(target - int(np.sign(left_m)), target)
+        return Scene.from_arrays(
+            x_m,
+            y_m,
+            forward_m_s,
+            -right_m_s,
+            width_m=2.0,
+            lanes=LANES,
+            lane_width_m=LANE_M,
+            lane_change=going if abs(left_m) > NEAR_M else None,
+        )
+
+    def step(self, action: int):
+        """Execute what the check makes of a meta action: its change of speed, then of lane."""
+        names, scene = self.unwrapped.action_type.actions, self.scene()
+        proposed = ACTIONS[TO_OURS[names[int(action)]]]
+        change = scene.lane_change
+        if change is not None and proposed.lateral.sign == change.sign:
+            proposed = proposed._replace(lateral=Lateral.KEEP)  # it goes on; not one lane more
+        executed = self._check(scene, proposed).action
+        across, along = ACROSS[executed.lateral], ALONG.get(executed.longitudinal, "SLOWER")
+        if across != "IDLE" and along != "IDLE":
+            self.unwrapped.vehicle.act(along)
+        final = along if across == "IDLE" else across
+        return self.env.step(self.unwrapped.action_type.actions_indexes[final])
+
+
+def hits(check: SafetyCheck, episodes: int) -> tuple[int, float]:
+    """Drive at random; return the episodes with a crash of the ego, and its mean speed, m/s."""
+    env = Checked(gymnasium.make("highway-v0", config=SETTINGS), check)
+    crashes, speeds = 0, []
+    for seed in range(episodes):
+        env.reset(seed=seed)
+        rng, over = np.random.default_rng(seed), False
+        while not over:
+            *_, terminated, truncated, info = env.step(rng.integers(SLOWER))
+            speeds.append(info["speed"])
+            over = terminated or truncated
+        crashes += info["crashed"]
+    env.close()
+    return crashes, float(np.mean(speeds))
+
+
+if __name__ == "__main__":
+    number = int(sys.argv[1]) if sys.argv[1:] else 20
+    for name, each in CHECKS.items():
+        crashes, speed = hits(each, number)
+        print(f"{name}: {crashes} of {number} episodes with a crash, {speed:.1f} m/s")

@@ -1,0 +1,33 @@
+"""Writes the output of ``crash_rate.py`` as a table for the documentation."""
+
+import re
+
+from studies.results import markdown_table
+from verification.crash_rate import Rate
+
+ENTRY = re.compile(
+    r"^(.+): \d+ tests of ([\d.]+) km.*\n  crashes per test (.*)\n"
+    r"  the ego hits a vehicle (.*), so more than ([\d,]+|inf) km",
+    re.MULTILINE,
+)
+"""Matches the report of a check: name, km per test, crashes, hits by the ego, km between these."""
+
+
+def table(printed: str) -> str:
+    """Return the output of this program as a Markdown table; the intervals are 95 % intervals."""
+    names = [
+        "careless",
+        "check",
+        "crashes per test",
+        "crashes per km",
+        "the ego's own hits per test",
+    ]
+    lines = []
+    for part in re.split(r"^(?=[\d.]+ % of the lane changes)", printed, flags=re.MULTILINE)[1:]:
+        for check, km, crashes, own, between in ENTRY.findall(part):
+            numbers = [
+                float(number) / float(km) for number in re.findall(r"[\d.]+e[-+]\d+", crashes)
+            ]
+            share = f"{part.split(' ', 1)[0]} %"
+            lines.append([share, check, crashes, str(Rate(*numbers)), own, between])
+    return markdown_table([*names, "km between those, more than"], lines)
