@@ -241,20 +241,14 @@ def indicators(
         if row == viewer:
             continue
         ahead_m = around(s_m[row] - own_s_m + half_lap_m, lap_m) - half_lap_m
-        behind = 0
-        if ahead_m < 0.0:
-            ahead_m, behind = -ahead_m, 1
-        gap_m, reach_m = (
-            ahead_m - (length_m[row] + own_length_m) / 2,
-            width_m[row] / 2 + half_lane_m,
-        )
-        across_m = y_m[row]
-        if gap_m < values[4 * behind] and -reach_m < across_m - own_m < reach_m:
-            values[4 * behind], codes[behind] = gap_m, row
-        if gap_m < values[4 * (2 + behind)] and -reach_m < across_m - right_m < reach_m:
-            values[4 * (2 + behind)], codes[2 + behind] = gap_m, row
-        if gap_m < values[4 * (4 + behind)] and -reach_m < across_m - left_m < reach_m:
-            values[4 * (4 + behind)], codes[4 + behind] = gap_m, row
+        behind, gap_m = ahead_m < 0.0, abs(ahead_m) - (length_m[row] + own_length_m) / 2
+        reach_m = width_m[row] / 2 + half_lane_m
+        for pair, center_m in enumerate((own_m, right_m, left_m)):
+            slot = 2 * pair + behind  # no branch, because none could be foreseen
+            nearest_m, its_row = values[4 * slot], codes[slot]
+            is_nearer = (abs(y_m[row] - center_m) < reach_m) & (gap_m < nearest_m)
+            values[4 * slot] = gap_m if is_nearer else nearest_m
+            codes[slot] = row if is_nearer else its_row
     front_m = own_s_m + own_length_m / 2
     codes[LANE], codes[CHANGES], values[WITHIN], values[FRONT] = lane, 0, np.inf, front_m
     codes[RIGHT_LANE], codes[LEFT_LANE] = is_open(lane - 1, road), is_open(lane + 1, road)

@@ -191,10 +191,7 @@ def ahead_m(s_from_m: float, s_to_m: float, lap_m: float) -> float:
 
 def around(x_m: float, lap_m: float) -> float:
     """Return ``x_m % lap_m``, to the bit, but without a division if ``x_m`` is within two laps."""
-    if 0.0 <= x_m < lap_m:
-        return x_m
-    if -lap_m <= x_m < 0.0:
-        return x_m + lap_m
-    if lap_m <= x_m < 2.0 * lap_m:
-        return x_m - lap_m
+    if -lap_m <= x_m < 2.0 * lap_m:  # without a branch that depends on the vehicle
+        from_m = x_m + lap_m if x_m < 0.0 else x_m
+        return from_m - lap_m if x_m >= lap_m else from_m
     return x_m % lap_m

@@ -54,7 +54,7 @@ def random_lanes(
         limits = (chances / chances.sum()).cumsum()  # as rng.choice does, without its checks
         wanted = (limits / limits[-1]).searchsorted(draws[row : n if row else 1], side="right")
         for place, left in enumerate(berths):
-            fills = np.flatnonzero(wanted == place)
+            (fills,) = (wanted == place).nonzero()
             if 0 < left <= len(fills):
                 wanted = wanted[: fills[left - 1] + 1]
         chosen[row : row + len(wanted)] = wanted
@@ -77,7 +77,7 @@ def ring_places(
     n = len(lane)
     front_m, gap_m, leader = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.intp)
     for index in np.unique(lane):
-        members = np.flatnonzero(lane == index)
+        (members,) = (lane == index).nonzero()
         spare_m = rng.dirichlet(np.ones(len(members))) * (ring_m - pitch_m[members].sum())
         ends = np.cumsum(spare_m + pitch_m[members])
         front_m[members] = (rng.uniform(0, ring_m) + ends) % ring_m

@@ -256,9 +256,16 @@ def wished_speed(
     return min(most, max(0.0, speed + wanted_m_s2 * step_s))
 
 
-def most_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:
-    """Return ``stoppable_speed``, or inf if there is no vehicle ahead: its speed is nan."""
-    if np.isnan(ahead_m_s):
+def most_speed(
+    gap_m: float, ahead_m_s: float, fastest_m_s: float, braking_m_s2: float, step_s: float
+) -> float:
+    """Return ``stoppable_speed``, or inf if it is certainly greater than ``fastest_m_s``.
+
+    It is inf too if there is no vehicle ahead: its speed is nan.
+    """
+    rest_m = way_to_stop(ahead_m_s, braking_m_s2, step_s) - ahead_m_s * step_s
+    needed_m = way_to_stop(fastest_m_s, braking_m_s2, step_s) + MARGIN_M
+    if np.isnan(ahead_m_s) or max(gap_m, 0.0) + max(rest_m, 0.0) >= needed_m:
         return np.inf
     return stoppable_speed(gap_m, ahead_m_s, braking_m_s2, step_s)
 

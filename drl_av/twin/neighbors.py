@@ -42,16 +42,30 @@ def insert_sorted(world: World) -> None:
 
 @inlined
 def link(world: World, loop: Loop) -> None:
-    """Note the next vehicle ahead of each one in each lane, as places in ``ORDER``."""
+    """Note the next vehicles ahead of and behind each one in each lane, as places in ``ORDER``."""
     z, n = world.z, world.near[COUNT]
     for lane in range(loop.lanes):
-        last = -1
-        for _ in range(2):  # first to find the rearmost one, which is ahead of the foremost
-            for k in range(n):
-                z[AHEAD + lane, k] = last
-                i = z[ORDER, k]
-                if z[MASK, i] >> lane & 1 or z[RESERVED, i] == lane:
-                    last = k
+        last = n - 1  # the rearmost one is ahead of the foremost
+        while last >= 0 and not counts_in(world, lane, last):
+            last -= 1
+        for k in range(n):
+            z[AHEAD + lane, k] = last
+            last = k if counts_in(world, lane, k) else last
+        last = z[AHEAD + lane, 0]
+        if last >= 0:  # the foremost one is behind the rearmost
+            last = 0
+            while not counts_in(world, lane, last):
+                last += 1
+        for k in range(n - 1, -1, -1):
+            z[AHEAD + loop.lanes + lane, k] = last
+            last = k if counts_in(world, lane, k) else last
+
+
+@inlined
+def counts_in(world: World, lane: int, k: int) -> bool:
+    """Return whether the ``k``-th vehicle is in a lane, or has reserved it."""
+    i = world.z[ORDER, k]
+    return bool((world.z[MASK, i] >> lane & 1) | (world.z[RESERVED, i] == lane))
 
 
 @inlined
@@ -104,7 +118,6 @@ def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> flo
 @inlined
 def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
-    n = world.near[COUNT]
     i = world.z[ORDER, k]
     at_m, speed = world.x[FRONT_M, i], world.x[SPEED_M_S, i]
     pos_m = at_m - world.z[EDGE, i] * loop.edge_m
@@ -113,10 +126,14 @@ def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
     found, found_gap_m, found_missing_m = -1, math.inf, -math.inf
     edge, done_edge, wrapped_m = 0, -1, 0.0
     m = k
-    for _ in range(n - 1):
-        m += 1
-        if m == n:
-            m, wrapped_m = 0, loop.lap_m
+    while True:
+        place, m = m, world.z[AHEAD + loop.lanes + lane, m]
+        if m <= place:
+            if m < 0 or wrapped_m > 0.0:
+                break
+            wrapped_m = loop.lap_m
+        if m >= k and wrapped_m > 0.0:
+            break
         j = world.z[ORDER, m]
         if not world.z[MASK, j] & (1 << lane):
             continue

@@ -2,7 +2,7 @@
 
 import math
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.simulation.speed_requests import (
     LOOK_AHEAD_M,
     limited_speed,
@@ -14,6 +14,7 @@ from drl_av.twin.neighbors import EDGES
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
+    AHEAD,
     CHOSEN_M_S,
     COUNT,
     EDGE,
@@ -40,36 +41,38 @@ def request_speeds(world: World, loop: Loop) -> None:
             continue
         j, gap_m = leader(world, loop, k)
         its = math.nan if j < 0 else x[SPEED_M_S, j]
-        speed, acceleration = x[SPEED_M_S, i], x[ACCELERATION_M_S2, i]
-        most = most_speed(gap_m, its, BRAKING_M_S2, STEP_S)
-        if math.isnan(x[WISH_M_S2, i]):
+        speed, wanted, acceleration = x[SPEED_M_S, i], x[WISH_M_S2, i], x[ACCELERATION_M_S2, i]
+        is_ours = not math.isnan(wanted)
+        fastest = speed + (max(wanted, 0.0) if is_ours else acceleration) * STEP_S
+        most = most_speed(gap_m, its, fastest, BRAKING_M_S2, STEP_S)
+        if not is_ours:
             x[REQUESTED_M_S, i] = limited_speed(most, speed, acceleration, STEP_S)
         else:
-            now = x[ACCELERATION_NOW_M_S2, i]
-            wanted, chosen = x[WISH_M_S2, i], x[CHOSEN_M_S, i]
+            now, chosen = x[ACCELERATION_NOW_M_S2, i], x[CHOSEN_M_S, i]
             x[REQUESTED_M_S, i] = wished_speed(
                 most, speed, wanted, chosen, now, BRAKING_M_S2, STEP_S
             )
 
 
-@borrowing
+@inlined
 def leader(world: World, loop: Loop, k: int) -> tuple[int, float]:
     """Return the vehicle ahead of the ``k``-th one and the net gap to it, as SUMO's getLeader.
 
     On each edge it is the last vehicle whose front is in the lane there, or else the last one that
     only overlaps the lane there, on the own edge if it is ahead. Without any it is -1.
     """
-    x, z, n = world.x, world.z, world.near[COUNT]
+    x, z = world.x, world.z
     i = z[ORDER, k]
     lane, at_m, edge = z[LANE, i], x[FRONT_M, i], z[EDGE, i]
     rest_m = (edge + 1) * loop.edge_m - at_m
     found, found_gap_m, found_edge = -1, -1.0, 0
-    hides = overlaps_behind(world, k)
-    m, wrapped_m = k, 0.0
-    for _ in range(n - 1):
-        m -= 1
-        if m < 0:
-            m, wrapped_m = n - 1, loop.lap_m
+    hides, m, wrapped_m = False, k, 0.0
+    while True:
+        place, m = m, z[AHEAD + lane, m]
+        if m == k:
+            break
+        if m > place:
+            wrapped_m = loop.lap_m
         j = z[ORDER, m]
         if not z[MASK, j] & (1 << lane):
             continue
@@ -81,14 +84,14 @@ def leader(world: World, loop: Loop, k: int) -> tuple[int, float]:
         is_within = z[LANE, j] == lane
         gap_m = x[FRONT_M, j] - at_m + wrapped_m - x[LENGTH_M, j] - MIN_GAP_M
         laps = edges > 0 and gap_m + MIN_GAP_M < rest_m + (edges - 1) * loop.edge_m
-        if laps and not (edges == 1 and hides):
+        if laps and not (edges == 1 and (hides or overlaps_behind(world, k))):
             edges -= 1
             is_within = False
         if edges > 0 and rest_m + (edges - 1) * loop.edge_m > LOOK_AHEAD_M:
             break
         if edges == 0 and not is_within:
             hides = hides or gap_m <= 0.0
-            if hides:
+            if hides or overlaps_behind(world, k):
                 continue
         if found < 0 or is_within:
             found, found_gap_m, found_edge = j, gap_m, edges

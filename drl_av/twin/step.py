@@ -51,7 +51,9 @@ from drl_av.twin.worlds import (
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
+    GAP_M,
     HEADWAY_S,
+    ITS_M_S,
     KEEPS_DISTANCE,
     LANE,
     LENGTH_M,
@@ -76,8 +78,9 @@ def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) ->
     if world.near[KEEPS_DISTANCE]:
         request_speeds(world, loop)
     for k in range(world.near[COUNT]):
-        i = world.z[ORDER, k]
-        world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, loop, k)
+        see_ahead(world, loop, k)
+    for i in range(world.near[COUNT]):  # apart from the searches, so that they overlap in time
+        world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, loop, i)
     move(world, loop)
     insert_sorted(world)
     link(world, loop)
@@ -86,35 +89,45 @@ def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) ->
 
 
 @inlined
-def next_speed(world: World, loop: Loop, k: int) -> float:
-    """Return the speed of the ``k``-th vehicle after the step, by IDM, advice and request."""
-    i = world.z[ORDER, k]
-    at_m, speed, desired = world.x[FRONT_M, i], world.x[SPEED_M_S, i], world.x[DESIRED_M_S, i]
-    least = max(speed - MOST_BRAKING_M_S, 0.0)
-    fastest = min(desired, loop.limit_m_s)
-    top = min(speed + world.x[ACCELERATION_M_S2, i] * STEP_S, desired)
-    planned = min(top, max(fastest, least))
-    rest_m = loop.edge_m - (at_m - world.z[EDGE, i] * loop.edge_m)
-    far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, world.x[HEADWAY_S, i])
+def see_ahead(world: World, loop: Loop, k: int) -> None:
+    """Find the vehicles ahead that the ``k``-th one regards, and the speed that they allow.
+
+    The gap to the first of them, inf without any, and its speed go to ``x``, and the largest speed
+    behind the others, or on a free road, to its row ``NEXT_M_S``.
+    """
+    i, x = world.z[ORDER, k], world.x
+    speed, headway_s, acceleration = x[SPEED_M_S, i], x[HEADWAY_S, i], x[ACCELERATION_M_S2, i]
+    top = min(speed + acceleration * STEP_S, x[DESIRED_M_S, i])
+    rest_m = loop.edge_m - (x[FRONT_M, i] - world.z[EDGE, i] * loop.edge_m)
+    far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, headway_s)
     seen_m = rest_m + loop.edge_m
     while seen_m <= far_m:
         seen_m += loop.edge_m
-    behind = speed_behind(world, loop, k, world.z[LANE, i], rest_m, seen_m, True)
+    x[GAP_M, i], x[NEXT_M_S, i] = math.inf, math.inf
+    see_in_lane(world, loop, k, world.z[LANE, i], rest_m, seen_m, True)
     if world.z[SHADOW, i] >= 0:
-        other = speed_behind(world, loop, k, world.z[SHADOW, i], rest_m, seen_m, False)
-        behind = min(behind, other)
-    if behind == math.inf:  # else slower than on a free road in any case
-        free = free_speed(
-            speed, rest_m, fastest, world.x[HEADWAY_S, i], world.x[ACCELERATION_M_S2, i]
-        )
-        planned = min(planned, max(free, least))
-    planned = max(least, min(planned, behind, top, fastest))
-    request = world.x[REQUESTED_M_S, i]
+        see_in_lane(world, loop, k, world.z[SHADOW, i], rest_m, seen_m, False)
+    if x[GAP_M, i] == math.inf:
+        fastest = min(x[DESIRED_M_S, i], loop.limit_m_s)
+        x[NEXT_M_S, i] = free_speed(speed, rest_m, fastest, headway_s, acceleration)
+
+
+@inlined
+def next_speed(world: World, loop: Loop, i: int) -> float:
+    """Return the speed of the vehicle ``i`` after the step, by IDM, advice and request."""
+    x = world.x
+    speed, desired = x[SPEED_M_S, i], x[DESIRED_M_S, i]
+    least = max(speed - MOST_BRAKING_M_S, 0.0)
+    behind = its_follow_speed(world, i, x[GAP_M, i], x[ITS_M_S, i])
+    behind = min(x[NEXT_M_S, i], behind if x[GAP_M, i] < math.inf else math.inf)
+    top = min(speed + x[ACCELERATION_M_S2, i] * STEP_S, desired)
+    planned = max(least, min(behind, top, desired, loop.limit_m_s))
+    request = x[REQUESTED_M_S, i]
     is_left = request == LEFT_TO_SUMO
     if not is_left:
         planned = max(least, min(request, planned))
-    world.x[CHOSEN_M_S, i] = with_advice(world, i, planned, least)
-    return world.x[CHOSEN_M_S, i] if is_left else planned
+    x[CHOSEN_M_S, i] = with_advice(world, i, planned, least)
+    return x[CHOSEN_M_S, i] if is_left else planned
 
 
 @inlined
@@ -133,7 +146,7 @@ def with_advice(world: World, i: int, planned: float, least: float) -> float:
 
 
 @inlined
-def speed_behind(
+def see_in_lane(
     world: World,
     loop: Loop,
     k: int,
@@ -141,15 +154,14 @@ def speed_behind(
     rest_m: float,
     seen_m: float,
     sees_reserved: bool,
-) -> float:
-    """Return the speed of the ``k``-th vehicle behind those that it sees ahead in ``lane``.
+) -> None:
+    """Regard the vehicles ahead of the ``k``-th one in ``lane``, for ``see_ahead``.
 
     ``rest_m`` is left of its edge, and it sees ``seen_m`` ahead. On each edge only the last vehicle
     counts. A vehicle that is about to enter the lane counts on the own edge only.
     """
     i = world.z[ORDER, k]
-    at_m, result = world.x[FRONT_M, i], math.inf
-    served_m, slowest = 0.0, math.inf
+    at_m, served_m, slowest = world.x[FRONT_M, i], 0.0, math.inf
     m, place, wrapped_m = world.z[AHEAD + lane, k], k, 0.0
     while m >= 0:
         if m >= place:
@@ -170,14 +182,17 @@ def speed_behind(
             continue
         its = world.x[SPEED_M_S, j]
         if its < slowest:
-            slowest = its
-            result = min(result, its_follow_speed(world, i, rear_m - MIN_GAP_M, its))
+            slowest, gap_m = its, rear_m - MIN_GAP_M
+            if world.x[GAP_M, i] == math.inf:
+                world.x[GAP_M, i], world.x[ITS_M_S, i] = gap_m, its
+            else:
+                behind = its_follow_speed(world, i, gap_m, its)
+                world.x[NEXT_M_S, i] = min(world.x[NEXT_M_S, i], behind)
         served_m = rest_m
         while served_m < ahead_m:
             served_m += loop.edge_m
         if served_m >= seen_m:
             break
-    return result
 
 
 @inlined

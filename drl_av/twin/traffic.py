@@ -147,7 +147,7 @@ def draw_traffic(
     population = draw_population(rng, vehicles, scenario.road, length_m, traffic, config.ego)
     driver_models = draw_driver_models(seed, vehicles + 1, traffic).astype(np.int64)
     chance = traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
-    found = [hard_brakings(HardBraking(seed, driver_models, config), config, 0, decisions)]
+    found = [hard_brakings(seed, driver_models, config, 0, decisions)]
     for first in range(0, decisions, DECISIONS_AT_ONCE):
         draws = rng.random((min(DECISIONS_AT_ONCE, decisions - first), 2, vehicles + 1))
         below = np.unravel_index(np.flatnonzero(draws < chance), draws.shape)
@@ -170,18 +170,21 @@ def draw_future(
     drawn = np.sort(rng.choice(cells, rng.binomial(cells, chance), replace=False))
     side = rng.choice((-1, 1), len(drawn))
     decision, row = np.divmod(drawn, max(vehicles, 1))
-    braking = HardBraking(seed, driver_models, config)
     return in_order_of_decisions(
         [
-            hard_brakings(braking, config, first, decisions),
+            hard_brakings(seed, driver_models, config, first, decisions),
             np.stack((first + decision, 1 + row, side), axis=1),
         ]
     )
 
 
-def hard_brakings(drawn: HardBraking, config: Config, first: int, decisions: int) -> IntArray:
+def hard_brakings(
+    seed: int, driver_models: IntArray, config: Config, first: int, decisions: int
+) -> IntArray:
     """Return the events in which vehicles are to begin to brake hard, from ``first`` on."""
-    begun = drawn.begun(decisions)
+    if not driver_models.any():  # a random generator for nobody takes as long as its draws
+        return np.empty((0, 3), np.int64)
+    begun = HardBraking(seed, driver_models, config).begun(decisions)
     event = np.full(len(begun), 1 + config.traffic.hard_brake_s)
     return np.column_stack((begun[:, 0] + first, begun[:, 1], event))
 
@@ -206,7 +209,8 @@ def place_vehicles(
     """
     x, z, near, n = world.x, world.z, world.near, len(population.ids)
     x[:], z[:], near[:] = 0.0, 0, 0
-    types, traffic, drivers = scenario.vehicle_types, config.traffic, in_order(driver_models)
+    types, traffic = scenario.vehicle_types, config.traffic
+    drivers = in_order(driver_models) if driver_models.any() else driver_models[:0]
     near[COUNT], near[DRIVER_COUNT] = n, len(drivers)
     near[OVERTAKES_RIGHT] = traffic.overtake_right
     near[KEEPS_DISTANCE] = traffic.keep_stopping_distance or len(drivers) > 0

@@ -36,8 +36,10 @@ IntArray = npt.NDArray[np.int64]
     GAIN_RIGHT,
     ADVICE_M_S,
     NEXT_M_S,
+    GAP_M,
+    ITS_M_S,
     EXPECTED_M_S,
-) = range(22)
+) = range(24)
 """The rows of ``x``.
 
 ``FRONT_M`` is the position of the front bumper in [0, lap), ``ASIDE_M`` the offset of the body's
@@ -51,7 +53,8 @@ the right. ``WISH_M_S2`` is the acceleration that a driver of ours wants, nan if
 is the lateral distance left of the lane change in progress, ``COMMANDED_M`` the same of one that
 was requested.
 ``GAIN_LEFT`` and ``GAIN_RIGHT`` are SL2015's memory of faster lanes, and the rows from
-``EXPECTED_M_S`` on, one a lane, the speeds that it expects there. ``NEXT_M_S`` is scratch.
+``EXPECTED_M_S`` on, one a lane, the speeds that it expects there. ``NEXT_M_S``, ``GAP_M`` and
+``ITS_M_S`` are scratch (``step.see_ahead``).
 """
 
 (
@@ -90,7 +93,8 @@ same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of t
 their order. ``DRIVER_STATE`` is the state of a finite-state machine, ``BRAKING`` for how many
 decisions a driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The
 rows from ``AHEAD`` on, one a lane, have a column for each place in ``ORDER``: the place of the next
-vehicle ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``).
+vehicle ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``). As
+many rows after them hold the next vehicle behind.
 """
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
@@ -149,7 +153,7 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
     return Worlds(
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
-        z=np.zeros((worlds, AHEAD + lanes, vehicles), dtype=np.int64),
+        z=np.zeros((worlds, AHEAD + 2 * lanes, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
         near=np.zeros((worlds, FIRST_ON + 4), dtype=np.int64),
     )
