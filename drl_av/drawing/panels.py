@@ -53,6 +53,8 @@ class Caption:
     """Whether the safety check changed the action, for each decision of ``speed_history``."""
     collision: str = ""
     """The kind of the ego's collision in words; empty without a collision."""
+    lane_change: str = ""
+    """The side and the finished share of a lane change in progress; empty without one."""
 
 
 def lay_cards(canvas: Canvas) -> None:
@@ -101,6 +103,7 @@ def draw_decision(canvas: Canvas, snapshot: Snapshot, caption: Caption) -> None:
     canvas.line([(384, 484), (792, 484)], RULE, 1)
     overruled = bool(caption.proposed) and caption.proposed != caption.executed
     _draw_field(canvas, 508, "EXECUTED", caption.executed or "-", BRIGHT)
+    canvas.text((792, 508), caption.lane_change, 16, AMBER, "rs")
     proposal = caption.proposed if overruled else "as executed" if caption.executed else "-"
     _draw_field(canvas, 560, "PROPOSED", proposal, ALARM if overruled else DIM)
     _draw_verdict(canvas, caption)

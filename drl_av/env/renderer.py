@@ -8,13 +8,14 @@ import gymnasium
 from drl_av.drawing.canvas import EGO_COLOR, Color, speed_color
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
+from drl_av.driving.scene import Scene
 from drl_av.env.transition import Transition
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot
 
 
-def next_caption(caption: Caption, decision: Transition) -> Caption:
-    """Return the caption after the next decision of the episode."""
+def next_caption(caption: Caption, decision: Transition, road: Road) -> Caption:
+    """Return the caption after the next decision of the episode on this road."""
     after, collision = decision.next_scene, decision.collision
     return replace(
         caption,
@@ -22,6 +23,7 @@ def next_caption(caption: Caption, decision: Transition) -> Caption:
         decision=caption.decision + 1,
         proposed=str(decision.proposed),
         executed=str(decision.executed),
+        lane_change=_lane_change(after, road),
         rule=str(decision.rule) if decision.triggered else None,
         reward=decision.reward,
         **decision.terms._asdict(),
@@ -29,6 +31,16 @@ def next_caption(caption: Caption, decision: Transition) -> Caption:
         trigger_history=(*caption.trigger_history, decision.triggered),
         collision="" if collision is None else collision.kind.value,
     )
+
+
+def _lane_change(scene: Scene, road: Road) -> str:
+    """Return the side and the finished share of the lane change in progress; "" without one."""
+    if scene.lane_change is None:
+        return ""
+    origin_m, target_m = map(road.center_m, scene.lane_change[:2])
+    way_m, done_m = target_m - origin_m, float(scene.snapshot.y_m[EGO]) - origin_m
+    side = "left" if way_m > 0 else "right"
+    return f"changing {side}, {100 * min(max(done_m / way_m, 0.0), 1.0):.0f} %"
 
 
 class Renderer:
@@ -59,7 +71,10 @@ class PictureRenderer(Renderer):
     def step(self, decision: Transition) -> None:
         """Store the scene and update the caption with the decision."""
         assert self._moment is not None
-        self._moment = decision.next_scene.snapshot, next_caption(self._moment[1], decision)
+        self._moment = (
+            decision.next_scene.snapshot,
+            next_caption(self._moment[1], decision, self._road),
+        )
 
     def render(self) -> Picture:
         """Return the picture of the present scene, uint8 of shape (720, 1280, 3).

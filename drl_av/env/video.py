@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import repeat
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -35,16 +36,22 @@ class Film:
 
     def add(self, decision: Transition) -> None:
         """Add the next decision of the episode."""
-        self._caption = next_caption(self._caption, decision)
+        self._caption = next_caption(self._caption, decision, self._road)
         before, after = decision.scene.snapshot, decision.next_scene.snapshot
         self._moves.append((before, after, self._caption))
 
     def pictures(self, per_decision: int, first: int = 0) -> Iterator[Picture]:
-        """Yield ``per_decision`` pictures of each decision, from decision ``first`` on."""
+        """Yield ``per_decision`` pictures of each decision, from decision ``first`` on.
+
+        If the episode ends with a collision, the last picture stays as long as two decisions.
+        """
         for before, after, caption in self._moves[first:]:
             for step in range(1, per_decision + 1):
                 scene = interpolated(before, after, step / per_decision, self._road)
-                yield draw(scene, self._road, caption)
+                picture = draw(scene, self._road, caption)
+                yield picture
+        if self._caption.collision and self._moves[first:]:
+            yield from repeat(picture, 2 * per_decision)
 
     def write(self, path: Path, fps: int = 20, rate: float = 2.0) -> int:
         """Write the video at ``rate`` times real time; return the number of pictures.

@@ -85,24 +85,24 @@ def _specs(names: Iterable[str], word: str | None) -> dict[str, DriverSpec]:
 class CriticalMoment:
     """Watches an episode, and keeps its collision or its smallest time to collision."""
 
-    def __init__(self, caption: Caption) -> None:
-        self._caption, self._least_s = caption, math.inf
+    def __init__(self, caption: Caption, road: Road) -> None:
+        self._caption, self._road, self._least_s = caption, road, math.inf
         self._shown: tuple[Snapshot, Caption] | None = None
 
     def __call__(self, decision: Transition) -> None:
         """Look at the next decision of the episode."""
-        self._caption = next_caption(self._caption, decision)
+        self._caption = next_caption(self._caption, decision, self._road)
         front = decision.next_scene.affordances.own_front
         ttc_s = math.inf if front is None else time_to_collision(front.gap_m, closing_speed(front))
         if self._shown is None or ttc_s < self._least_s or decision.collision is not None:
             self._shown = decision.next_scene.snapshot, self._caption
             self._least_s = ttc_s
 
-    def picture(self, road: Road) -> Picture:
+    def picture(self) -> Picture:
         """Draw the moment, with the size of a ``TILE``; the episode needs a decision."""
         assert self._shown is not None
         snapshot, caption = self._shown
-        return draw(snapshot, road, caption, TILE)
+        return draw(snapshot, self._road, caption, TILE)
 
 
 def contact_sheet(sessions: Sequence[ReplaySession], column: str) -> bytes:
@@ -116,10 +116,9 @@ def contact_sheet(sessions: Sequence[ReplaySession], column: str) -> bytes:
     for place, session in enumerate(sessions):
         value = getattr(session.expected, column)
         title = f"{session.name}, {column} {value:.3g}"
-        moment = CriticalMoment(Caption(driver=title, seed=session.seed))
+        moment = CriticalMoment(Caption(driver=title, seed=session.seed), session.road)
         session.drive(None, moment)
-        picture = moment.picture(session.road)
-        sheet.paste(Image.fromarray(picture), (width * (place % 2), height * (place // 2)))
+        sheet.paste(Image.fromarray(moment.picture()), (width * (place % 2), height * (place // 2)))
     data = io.BytesIO()
     sheet.save(data, "PNG")
     return data.getvalue()

@@ -11,6 +11,7 @@ from worlds import ROAD, ahead, scene, snapshot
 
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import draw
+from drl_av.driving.scene import LaneChange
 from drl_av.env import renderer
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.renderer import GuiRenderer, PictureRenderer, next_caption
@@ -32,7 +33,7 @@ REFUSED = decided(
 
 
 def test_the_caption_follows_the_decisions() -> None:
-    first = next_caption(Caption(driver="mine", seed=SEED), KEPT)
+    first = next_caption(Caption(driver="mine", seed=SEED), KEPT, ROAD)
     assert first == Caption(
         driver="mine",
         vehicles=7,
@@ -48,12 +49,21 @@ def test_the_caption_follows_the_decisions() -> None:
         speed_history=(22.0,),
         trigger_history=(False,),
     )
-    second = next_caption(first, REFUSED)
+    second = next_caption(first, REFUSED, ROAD)
     assert (second.decision, second.reward, second.driver) == (2, -3.0, "mine")
     assert (second.proposed, second.executed) == ("maintain, change left", "hard brake, keep lane")
     assert (second.rule, second.collision) == ("in_lane+lane_change", "ego hit the vehicle ahead")
     assert second.speed_history == (22.0, 18.0)
     assert second.trigger_history == (False, True)
+
+
+def test_the_caption_says_how_far_a_lane_change_is() -> None:
+    there = decided(after=scene(y_m=3.8 + 0.95, lane_change=LaneChange(1, 2)))
+    caption = next_caption(Caption(), there, ROAD)
+    assert caption.lane_change == "changing left, 25 %"
+    back = decided(after=scene(y_m=3.8 + 0.95, lane_change=LaneChange(2, 1)))
+    assert next_caption(caption, back, ROAD).lane_change == "changing right, 75 %"
+    assert next_caption(caption, KEPT, ROAD).lane_change == ""
 
 
 def test_a_picture_shows_the_last_moment_with_the_caption_since_the_reset() -> None:
@@ -63,7 +73,7 @@ def test_a_picture_shows_the_last_moment_with_the_caption_since_the_reset() -> N
     shown.reset(before, SEED)
     assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=1, seed=42)))
     shown.step(KEPT)
-    caption = next_caption(Caption(seed=42), KEPT)
+    caption = next_caption(Caption(seed=42), KEPT, ROAD)
     assert np.array_equal(shown.render(), draw(KEPT.next_scene.snapshot, ROAD, caption))
     shown.reset(before, SEED)
     assert np.array_equal(shown.render(), draw(before, ROAD, Caption(vehicles=1, seed=42)))

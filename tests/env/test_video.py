@@ -11,12 +11,13 @@ import pytest
 from decisions import decided
 from gymnasium.utils.save_video import capped_cubic_video_schedule
 from programs import python
-from worlds import ROAD, scene
+from worlds import ROAD, ahead, scene
 
 import drl_av
 from drl_av.config import Config
 from drl_av.env.video import Film, cubic_schedule
 from drl_av.errors import ConfigError, RecordingError
+from drl_av.road.snapshot import Collision, CollisionKind
 
 CONFIG = Config().updated("simulation", decisions_per_episode=2).updated("traffic", vehicles_max=3)
 
@@ -46,6 +47,16 @@ def test_a_film_moves_between_two_decisions_and_lasts_as_long_as_the_episode(
     road = [picture[60:360].astype(int) for picture in pictures(film)]
     moved = [(abs(b - a) > 60).sum() for a, b in pairwise(road)]
     assert min(moved) > 500
+
+
+def test_a_film_stays_on_the_contact() -> None:
+    film = Film("mine", ROAD, 1)
+    for hit in (None, Collision(CollisionKind.HIT_AHEAD, "vehicle1")):
+        film.add(decided(after=scene(ahead(30.0)), collision=hit))
+    shown = list(film.pictures(per_decision=3))
+    assert len(shown) == 2 * 3 + 2 * 3  # two decisions, and the time of two
+    assert all(np.array_equal(each, shown[5]) for each in shown[6:])
+    assert len(list(film.pictures(3, first=2))) == 0
 
 
 @pytest.mark.parametrize(("rate", "seconds"), [(2.0, 1.5), (3.0, 1.0), (30.0, 0.1)])
