@@ -203,7 +203,7 @@ def test_the_notebook_holds_what_it_prints_and_draws_when_it_is_executed(tmp_pat
     NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": tmp_path}}).execute()
     fresh = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     for outputs in (kept, fresh):
-        assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+        assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
         assert "idm-mobil" in outputs[-1]["text"]
     assert [output.get("text") for output in kept] == [output.get("text") for output in fresh]
 

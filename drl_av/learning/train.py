@@ -10,6 +10,7 @@ from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.transition import RewardFunction
+from drl_av.errors import ConfigError
 from drl_av.learning.run import Run
 from drl_av.learning.run import train as train_run
 from drl_av.learning.training import build_training
@@ -28,12 +29,12 @@ def train(
     traffic: str | None = None,
     reward: str | RewardFunction | None = None,
 ) -> Path:
-    """Train a driver by Algorithm 1 of the paper, as ``drl-av train`` does.
+    """Train a driver as ``drl-av train`` does: by Algorithm 1 of the paper, or by PPO at scale.
 
     Args:
         out: The run's folder, which must be new.
         config: Settings: a preset such as "fast", a TOML file, a dictionary or a Config.
-        episodes: Number of episodes; by default that of the settings.
+        episodes: Number of episodes of Algorithm 1; by default that of the settings.
         seed: Random seed; by default that of the settings.
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: The name of a check, or your own: a function, or its name as
@@ -60,6 +61,18 @@ def train(
     given = {"episodes": episodes, "seed": seed}
     given = {name: value for name, value in given.items() if value is not None}
     settings = settings.updated("learning", **given)
+    if settings.learning.algorithm == "ppo":
+        if own_check is not None or reward is not None or episodes is not None:
+            raise ConfigError(
+                "safety_check as a function, reward and episodes belong to the training by "
+                "Algorithm 1, but this one is PPO at scale: leave them out, or choose another "
+                "preset."
+            )
+        from drl_av.learning.large_scale import train_at_scale  # it needs sb3-contrib
+
+        for _ in train_at_scale(Path(out), settings):
+            pass
+        return Path(out)
     run = Run(Path(out))
     with closing(HighwayEnv(config=settings, safety_check=own_check, reward=reward)) as env:
         training = build_training(env)

@@ -98,6 +98,16 @@ def test_a_training_writes_the_same_bytes_again(run: Path, tmp_path: Path) -> No
     assert not np.array_equal(weights[0][0], others[0][0])
 
 
+def test_a_program_trains_at_scale_too_and_is_told_what_belongs_to_algorithm_1(
+    run: Path, tmp_path: Path
+) -> None:
+    again = drl_av.train(tmp_path / "again", config=SMALL)
+    assert (again / "policy.safetensors").read_bytes() == (run / "policy.safetensors").read_bytes()
+    with pytest.raises(ConfigError, match="belong to the training by Algorithm 1"):
+        drl_av.train(tmp_path / "other", config=SMALL, episodes=2)
+    assert not (tmp_path / "other").exists()
+
+
 def test_the_run_drives_in_sumo_under_its_own_check_beside_a_rule(run: Path) -> None:
     rows = drl_av.evaluate(
         [run, "gap-mobil"],

@@ -1,6 +1,6 @@
 """Computes an upper bound of a driver's gain over the best opponent, in each kind of traffic.
 
-    python tools/bound_speeds.py
+    python -m verification.speed_bound
 
 The bound on the mean speed is that of an ego which accelerates at ``ego.accelerate_m_s2`` to
 ``ego.max_speed_m_s`` on an empty road, in the episodes of ``docs/results/opponents.csv``. The gain
