@@ -9,18 +9,15 @@ from drl_av.cli import main
 main(["export", "pretrained", "driver.onnx"])
 session = onnxruntime.InferenceSession("driver.onnx", providers=["CPUExecutionProvider"])
 
-env = gymnasium.make("drl_av/Highway-v0")
-_, info = env.reset(seed=800_000, options={"vehicles": 15})
+env = gymnasium.make("drl_av/Highway-v0", observation="wide", safety_check="strict")
+observation, info = env.reset(seed=800_000, options={"vehicles": 15})
 speeds = []
 for _ in range(60):
-    scene = {
-        "indicators": info["indicators"][None],  # one row, SI units
-        "lane_change": [env.unwrapped.scene.lane_change is not None],
-    }
-    [action], [q] = session.run(["action", "q"], scene)
-    _, _, terminated, _, info = env.step(int(action))
+    scene = {"observation": observation[None], "action_mask": info["action_mask"][None] == 1}
+    [action] = session.run(["action"], scene)[0]
+    observation, _, terminated, _, info = env.step(int(action))
     speeds.append(info["speed_m_s"])
     if terminated:
         break
 env.close()
-print(f"mean speed {sum(speeds) / len(speeds):.1f} m/s, value of the last decision {q.max():.2f}")
+print(f"mean speed {sum(speeds) / len(speeds):.1f} m/s")

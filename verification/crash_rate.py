@@ -4,7 +4,7 @@
     python -m verification.crash_rate --people --tests 400000       # by plain sampling
     python -m verification.crash_rate --driver my.zip pretrained --safety-check paper my_check:mine
 
-``crash_tests.py`` defines the tests, ``naturalistic.py`` the model of the human drivers. An
+``crash_simulation.py`` defines the tests, ``naturalistic.py`` the model of the human drivers. An
 adversary makes dangerous acts near the ego more frequent; the weights of the tests remove the bias.
 With ``--people`` there is no adversary, and each weight is 1. For each check the program prints,
 with 95 % intervals, the crashes per test and the crashes in which the ego hit a vehicle. It also

@@ -3,7 +3,7 @@
     python -m verification.own_hits --tests 120000 --jobs 2
     python -m verification.own_hits --driver my.zip
 
-The tests are those of ``crash_tests.py`` with the bounds of real traffic. By the proof (``make
+The tests are those of ``crash_simulation.py`` with the bounds of real traffic. By the proof (``make
 prove``) the ego hits nothing unless a vehicle breaks bound 1, 2 or 3. These drivers never break
 bound 1, because they brake no harder than it permits. Only a vehicle that begins a lane change
 towards the ego can break bound 2 or 3. Each of the nine vehicles tries such a lane change with a

@@ -188,7 +188,7 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
     assert buffer.safe.rows["a_t"][:3].tolist() == [LEFT] * 3
 
     driven: list[int] = []
-    result = EpisodeResult(*[0] * (len(fields(EpisodeResult)) - 2))  # type: ignore[arg-type]
+    result = EpisodeResult(*[0] * (len(fields(EpisodeResult)) - 3))  # type: ignore[arg-type]
 
     def drive(env: Any, driver: Any, *_: Any) -> EpisodeResult:
         driven.append(driver.act(ALONE, observed(0)).number)

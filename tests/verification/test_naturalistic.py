@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drl_av.config import Config
 from drl_av.driving.car_following import idm_acceleration
-from verification import crash_table, crash_tests
+from verification import crash_simulation, crash_table
 from verification.adversary import LENGTH_M, World
 from verification.crash_rate import exact_share, rate, report
 from verification.crash_simulation import run, settings
@@ -171,7 +171,7 @@ def test_without_weights_the_interval_is_exact() -> None:
 def test_tests_are_reproducible_and_their_starts_are_the_same_for_every_check(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(crash_tests, "BATCH", 4)
+    monkeypatch.setattr(crash_simulation, "BATCH", 4)
     first = run(settings("strict"), 6, ADVERSARY, 11)
     again = run(settings("strict"), 6, ADVERSARY, 11, jobs=2)
     assert all(np.array_equal(one, two) for one, two in zip(first, again, strict=True))
@@ -184,7 +184,7 @@ def test_tests_are_reproducible_and_their_starts_are_the_same_for_every_check(
 
 def test_the_table_of_the_documentation_is_what_the_program_prints() -> None:
     hit, none, one = np.array([1.0, 0.0]), np.zeros(2), np.ones(2)
-    found = crash_tests.Outcome(one, hit, none, 0.5 * one, none)
+    found = crash_simulation.Outcome(one, hit, none, 0.5 * one, none)
     printed = f"1 % of the lane changes are careless\n{report('paper', found)}\n"
     printed += (
         f"50 % of the lane changes are careless\n{report('real', found._replace(ego_hit=none))}"
