@@ -1,4 +1,4 @@
-"""Estimates how much faster the shipped driver would be if ``strict`` refused fewer safe actions.
+"""Estimates how much faster the paper's own driver would be if ``strict`` refused fewer safe actions.
 
     python -m verification.sharper
 
@@ -61,7 +61,7 @@ def driven(config: Config, check: BatchCheck, tests: int, seed: int) -> Outcome:
     """
     rng = np.random.default_rng(seed)
     world = starts(tests, config, rng)
-    egos = drivers("pretrained", config, tests)
+    egos = drivers("pretrained-paper", config, tests)
     return drive(config, world, Traffic(world, PEOPLE, rng), check, egos)
 
 
