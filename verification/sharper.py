@@ -1,4 +1,4 @@
-"""Estimates how much faster the paper's own driver would be if ``strict`` refused fewer safe actions.
+"""Estimates how much faster the paper's own driver would be if ``strict`` refused fewer actions.
 
     python -m verification.sharper
 
