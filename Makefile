@@ -109,7 +109,7 @@ results: setup
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
 	$(call text,twin_equality.txt,-m verification.twin_equality)
 	$(call text,sharper.txt,-m verification.sharper)
-	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 50 --jobs 2)
+	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(BIN)/python -m verification.time_to_quality
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
