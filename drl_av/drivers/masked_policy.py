@@ -1,5 +1,6 @@
 """The driver that was trained at scale: the most probable permitted action, in numpy (ours)."""
 
+import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from drl_av.drivers.policy_file import load
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE, observe_wide
-from drl_av.errors import CheckpointError, RunError
+from drl_av.errors import CheckpointError, DrlAvWarning, RunError
 from drl_av.road.road import Road
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
@@ -60,6 +61,8 @@ def actor_driver(
 ) -> Driver:
     """Return the driver of a training at scale for an environment with this config and check.
 
+    A driver that was trained under ``strict`` warns of another check.
+
     Raises:
         RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
     """
@@ -69,6 +72,14 @@ def actor_driver(
         raise RunError(
             f"{name} was trained with another observation.range_m or ego.max_speed_m_s than it "
             "would drive with here: leave these settings as they are."
+        )
+    if own.safety.check == "strict" != config.safety.check:
+        warnings.warn(
+            f"{name} was trained under strict and relies on it: under {config.safety.check} it "
+            "proposes what strict would refuse, and hits vehicles; name --safety-check strict "
+            "(safety_check=).",
+            DrlAvWarning,
+            stacklevel=2,
         )
     scenario = load_scenario(find_scenario(config.simulation.scenario))
     return MaskedPolicyDriver(layers, check, scenario.road, config)

@@ -123,11 +123,15 @@ def test_who_names_drivers_of_two_checks_is_told(
         "under paper: name one check with --safety-check (safety_check=), or a driver's own, such "
         "as ppo.zip@paper.\n"
     )
+    relies = (
+        "drl-av: pretrained was trained under strict and relies on it: under paper it proposes "
+        "what strict would refuse, and hits vehicles; name --safety-check strict (safety_check=).\n"
+    )
     for drivers, said in (
         (["ppo.zip", "idm", "pretrained"], told),
         (["ppo.zip", "idm"], ""),
         (["ppo.zip@paper", "idm", "pretrained"], ""),
-        (["ppo.zip", "pretrained", "--safety-check", "paper"], ""),
+        (["ppo.zip", "pretrained", "--safety-check", "paper"], relies),
     ):
         assert main(["evaluate", *drivers, *words]) == 0
         printed = capsys.readouterr()
@@ -283,6 +287,6 @@ def test_a_complete_config_needs_no_warning() -> None:
     config = Config().updated("simulation", decisions_per_episode=2)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        [row] = drl_av.evaluate("pretrained", vehicles=1, episodes=1, config=config)
+        [row] = drl_av.evaluate("pretrained-paper", vehicles=1, episodes=1, config=config)
     assert row.safety_check == "paper"
     assert replace(row, driver="x").driver == "x"
