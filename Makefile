@@ -15,7 +15,7 @@ setup: .venv/.installed
 
 demo: setup
 	test -d $(DEMO)/driver || \
-	    $(BIN)/drl-av train --preset large -o ppo.decisions=3000000 --out $(DEMO)/driver
+	    $(BIN)/drl-av train --preset large --traffic calm -o ppo.decisions=4000000 --out $(DEMO)/driver
 	$(BIN)/drl-av evaluate $(DEMO)/driver pretrained gap-mobil idm-mobil \
 	    --vehicles $(DENSITIES) --episodes 20 --jobs 2 --out $(DEMO)/evaluation.csv
 	$(BIN)/drl-av figures $(DEMO)/evaluation.csv --out $(DEMO)
