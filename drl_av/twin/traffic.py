@@ -182,7 +182,7 @@ def hard_brakings(
     seed: int, driver_models: IntArray, config: Config, first: int, decisions: int
 ) -> IntArray:
     """Return the events in which vehicles are to begin to brake hard, from ``first`` on."""
-    if not driver_models.any():  # a random generator for nobody takes as long as its draws
+    if not driver_models.any():  # a generator takes as long to make as to use
         return np.empty((0, 3), np.int64)
     begun = HardBraking(seed, driver_models, config).begun(decisions)
     event = np.full(len(begun), 1 + config.traffic.hard_brake_s)

@@ -78,7 +78,7 @@ def on_the_road(scene: Scene, proposed: Action) -> Verdict:
     ids=lambda found: "{}-{}".format(*found),
 )
 def unchecked(request: pytest.FixtureRequest) -> Iterator[Witness]:
-    # vehicles that keep a stopping distance hit nobody from behind
+    # vehicles that keep a stopping distance hit no vehicle from behind
     config = plant(*request.param).updated("traffic", keep_stopping_distance=False)
     with closing(HighwayEnv(config=config, safety_check=on_the_road)) as env:
         yield Witness(env)

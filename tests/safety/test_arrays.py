@@ -21,7 +21,7 @@ from drl_av.safety.strict import Strict
 CONFIG = Config()
 PAPER, STRICT = Paper(CONFIG.safety), Strict(CONFIG.strict, CONFIG.ego, CONFIG.simulation)
 FAST_LEFT = (-60.0, 7.6, 33.0)
-"""A vehicle two lanes to the left of the right lane, which concerns nobody there."""
+"""A vehicle two lanes to the left of the right lane, which a driver in that lane need not heed."""
 
 
 def right_lane(speed_m_s: float, gap_m: float, front_m_s: float, **options: Any) -> Scene:
