@@ -46,6 +46,17 @@ class MaskedPolicyDriver(Driver):
 
         ``observation`` is not used.
         """
+        return ACTIONS[self._logits(scene).argmax()]
+
+    def probabilities(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the probability of each action in training, shape (12,); 0 if not permitted."""
+        logits = self._logits(scene)
+        weights: npt.NDArray[np.float32] = np.exp(logits - logits.max())
+        weights /= weights.sum()
+        return weights
+
+    def _logits(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the logit of each action, shape (12,); -inf if another one is permitted only."""
         permitted = action_mask(self._check, scene)
         wide = observe_wide(
             scene.snapshot, self._road, self._range_m, self._max_speed_m_s, scene.lanes
@@ -53,7 +64,7 @@ class MaskedPolicyDriver(Driver):
         logits = forward(self._layers, np.concatenate((wide, permitted), dtype=np.float32))[1]
         if permitted.any():
             logits[permitted == 0] = -np.inf
-        return ACTIONS[logits.argmax()]
+        return logits
 
 
 def actor_driver(

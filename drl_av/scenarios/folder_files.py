@@ -161,8 +161,8 @@ def _configuration(description: RoadDescription) -> ET.Element:
 def _view(network: ET.Element) -> ET.Element:
     """Return view settings of sumo-gui: real-world colours, and captions of points of interest.
 
-    A caption is the parameter ``caption`` of its point. On a network of more than
-    twice ``SHOWN_M`` a vehicle would be a dot: the window then shows the middle of the first edge with most lanes,
+    A caption is the parameter ``caption`` of its point. On a network of more than twice ``SHOWN_M``
+    a vehicle would be a dot: the window then shows the middle of the first edge with most lanes,
     where ramps join or leave. The view sets no delay, with which libsumo's close never returns.
     """
     root = ET.Element("viewsettings")
