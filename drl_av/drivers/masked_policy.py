@@ -72,7 +72,8 @@ def actor_driver(
 ) -> Driver:
     """Return the driver of a training at scale for an environment with this config and check.
 
-    A driver that was trained under ``strict`` warns of another check.
+    A driver that was trained under ``strict`` warns of another check, and each one of a road whose
+    lanes end or leave, because it was trained on a loop.
 
     Raises:
         RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
@@ -92,8 +93,16 @@ def actor_driver(
             DrlAvWarning,
             stacklevel=2,
         )
-    scenario = load_scenario(find_scenario(config.simulation.scenario))
-    return MaskedPolicyDriver(layers, check, scenario.road, config)
+    road = load_scenario(find_scenario(config.simulation.scenario)).road
+    if road.partial_lanes:
+        warnings.warn(
+            f"{name} was trained on a loop and does not see where a lane ends or leaves, as on "
+            f"{config.simulation.scenario}: it may stand at the end of its lane; gap-mobil and "
+            "pretrained-ramp_to_ramp see it.",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+    return MaskedPolicyDriver(layers, check, road, config)
 
 
 def load_actor(path: Path) -> tuple[Layers, Config]:
