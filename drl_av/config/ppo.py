@@ -13,6 +13,7 @@ class PpoConfig(Section):
     worlds: number of worlds that are driven at once (ours)
     batch_size: decisions in an update (ours)
     minibatch_size: decisions in a gradient step (ours)
+    checks: safety checks under which equal parts of the worlds drive; none: safety.check (ours)
     epochs: passes over the decisions of an update (ours)
     hidden_1: units of the first hidden layer (ours)
     hidden_2: units of the second hidden layer (ours)
@@ -30,6 +31,7 @@ class PpoConfig(Section):
 
     decisions: int = setting(20_000_000, low=1, high=10**10)
     worlds: int = setting(256, low=1, high=10**5)
+    checks: tuple[str, ...] = ()
     batch_size: int = setting(16_384, low=1, high=10**7)
     minibatch_size: int = setting(1_024, low=1, high=10**7)
     epochs: int = setting(3, low=1, high=100)
