@@ -170,7 +170,9 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[npt.ND
         while goes_on.any():
             worlds.look(part, everywhere)
             if kept is None:
-                action = np.array([rule.act(part.env.scene(row), None).number for row in everywhere])
+                action = np.array(
+                    [rule.act(part.env.scene(row), None).number for row in everywhere]
+                )
             else:
                 logits = forward(layers, worlds.observation)[1]
                 action = np.where(worlds.permitted, logits, -np.inf).argmax(axis=1)

@@ -182,7 +182,7 @@ def actions(
 
 def policy(name: str, config: Config) -> Policy:
     """Return a driver by name as a policy; one trained at scale decides in all worlds at once."""
-    from drl_av.learning.twin_worlds import look_wide  # compiled functions do not go to processes
+    from drl_av.env.wide_view import look_wide  # compiled functions do not go to processes
 
     [spec] = find_drivers([name])
     if spec.actor is not None:

@@ -64,6 +64,8 @@ Each worker process has its own copy of this table. An evaluation with a driver 
 adds at run time can therefore use one process only.
 """
 
+PLANNER, PLANNER_FACTORY = "planner", "drl_av.env.planner:planner"
+"""The driver that searches with ``pretrained`` as its base, and where it is made."""
 DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
@@ -122,8 +124,8 @@ class DriverSpec:
 
 
 def driver_names() -> tuple[str, ...]:
-    """Return the names of the rule-based and of the shipped drivers."""
-    return *RULE_DRIVERS, *policy_file.SHIPPED
+    """Return the names of the rule-based and of the shipped drivers, and the planner's."""
+    return *RULE_DRIVERS, *policy_file.SHIPPED, PLANNER
 
 
 def baselines(names: Iterable[str]) -> list[str]:
@@ -168,6 +170,8 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
             runs[word] = None
         elif own in policy_file.SHIPPED:
             runs[word] = policy_file.SHIPPED[own]
+        elif own == PLANNER:
+            runs[word] = policy_file.PRETRAINED
         elif os.path.exists(own):
             runs[word] = _existing(Path(own))
         elif is_factory(own):
@@ -318,7 +322,9 @@ def make_drivers(
 
     for spec in specs:
         name, driven_by = spec.name, spec.config(config)
-        if spec.actor is not None:
+        if _without_check(name) == PLANNER:
+            drivers[name] = driver_of_factory(PLANNER_FACTORY, driven_by)
+        elif spec.actor is not None:
             drivers[name] = actor_driver(name, spec.actor, driven_by, its_check(spec))
         elif spec.learned is not None:
             driver, own = spec.learned
