@@ -14,7 +14,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.masked_policy import actor_driver, load_actor
 from drl_av.drivers.network import Layers, forward
 from drl_av.drivers.policy_file import PRETRAINED, find_policy
-from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.beliefs import GUESSES, Beliefs
@@ -39,6 +39,9 @@ HORIZON = 30
 """Decisions, of 1 s each, for which an action is tried; the base policy makes all but the first."""
 SURENESS = 1.0
 """Standard errors by which an action has to be better than that of the base policy."""
+SIDES = np.array(SIGNS)
+SPAN_M_S = 10.0
+"""How much more speed for a second earned 1 in the training of the base policy."""
 DISCOUNT, HIT_COST_M = 0.99, 50.0
 """What a metre is worth a second later, and what a collision costs."""
 BLIND_M = 100.0
@@ -70,10 +73,12 @@ class PlannerDriver(Driver):
             raise ConfigError(
                 f"The planner tries its actions in the twin. {error} Or name another driver."
             ) from error
+        self._twin.reset(seed=0, options={"vehicles": 0})
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         check = named_check(config, self._scenario.vehicle_types, self._scenario.road)
         self._base = actor_driver("planner", actor, config, check)
-        self._layers, self._road = actor[0], self._scenario.road
+        self._layers, self._paid = actor[0], actor[1].ppo
+        self._road = self._scenario.road
         self._kind, self._range_m = config.per_traffic_preset[0], config.observation.range_m
         self.start(0)
 
@@ -98,7 +103,7 @@ class PlannerDriver(Driver):
         tried = likely[logits[likely] >= logits[likely[0]] + np.log(LEAST_PROBABLE)]
         best = int(tried[0])
         if len(tried) > 1:
-            gain_m = self._ways_m(shot, tried)
+            gain_m = self._ways_m(shot, tried) - self._costs_m(scene, tried)[:, np.newaxis]
             gain_m -= gain_m[0].copy()
             doubt_m = gain_m.std(axis=1) / FUTURES**0.5
             best = int(tried[(gain_m.mean(axis=1) - SURENESS * doubt_m).argmax()])
@@ -123,7 +128,7 @@ class PlannerDriver(Driver):
     def _place(self, shot: Snapshot, scene: Scene) -> None:
         """Copy the scene into the world of the twin, without random events to come."""
         twin, others = self._twin, len(shot.ids) - 1
-        if twin.seeds[0] or twin.vehicles[0] != others:
+        if twin.vehicles[0] != others:
             twin.reset(seed=0, options={"vehicles": others})
         now = shot.speed_m_s.tolist()
         before = [self._speeds.get(name, v) for name, v in zip(shot.ids, now, strict=True)]
@@ -168,6 +173,14 @@ class PlannerDriver(Driver):
             goes_on &= ~hit
             actions = self._usual(trials)
         return ways_m.reshape(len(tried), FUTURES)
+
+    def _costs_m(self, scene: Scene, tried: IntArray) -> FloatArray:
+        """Return what the training of the base policy charged for these actions, in metres."""
+        origin, target = scene.lanes
+        aborts = (origin != target) & (SIDES[tried // 4] == origin - target)
+        brakes = tried % 4 == HARD_BRAKE
+        costs = self._paid.abort_cost * aborts + self._paid.hard_brake_cost * brakes
+        return np.asarray(costs * SPAN_M_S)
 
     def _usual(self, worlds: TwinVectorEnv) -> IntArray:
         """Return the action of the base policy in each world."""
