@@ -66,6 +66,8 @@ adds at run time can therefore use one process only.
 
 PLANNER, PLANNER_FACTORY = "planner", "drl_av.env.planner:planner"
 """The driver that searches with ``pretrained`` as its base, and where it is made."""
+POLICIES = policy_file.SHIPPED | {PLANNER: policy_file.PRETRAINED}
+"""The folder of the policy of each driver that ships with the package, by the driver's name."""
 DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
@@ -90,6 +92,11 @@ class DriverSpec:
     def is_external(self) -> bool:
         """Whether the driver's file is a zip or ONNX file, which holds no config of drl-av."""
         return self.run is not None and self.run.suffix.lower() in LOADERS
+
+    @property
+    def is_planner(self) -> bool:
+        """Whether it is the driver that searches."""
+        return self.own is None and _without_check(self.name) == PLANNER
 
     def config(self, config: Config) -> Config:
         """Return an evaluation's config with the safety check under which this driver drives."""
@@ -124,8 +131,8 @@ class DriverSpec:
 
 
 def driver_names() -> tuple[str, ...]:
-    """Return the names of the rule-based and of the shipped drivers, and the planner's."""
-    return *RULE_DRIVERS, *policy_file.SHIPPED, PLANNER
+    """Return the names of the rule-based and of the shipped drivers."""
+    return *RULE_DRIVERS, *POLICIES
 
 
 def baselines(names: Iterable[str]) -> list[str]:
@@ -168,10 +175,8 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
         own, _ = _with_check(word)
         if own in RULE_DRIVERS:
             runs[word] = None
-        elif own in policy_file.SHIPPED:
-            runs[word] = policy_file.SHIPPED[own]
-        elif own == PLANNER:
-            runs[word] = policy_file.PRETRAINED
+        elif own in POLICIES:
+            runs[word] = POLICIES[own]
         elif os.path.exists(own):
             runs[word] = _existing(Path(own))
         elif is_factory(own):
@@ -226,10 +231,8 @@ def _unknown(word: str) -> ConfigError:
     names, suffix = driver_names(), Path(word).suffix
     if suffix in (*DRIVER_FILES, ".npz"):
         return ConfigError(f"There is no file {word}: correct its path.")
-    hint = did_you_mean(word, names)
-    return ConfigError(
-        f"There is no driver or run folder {word!r}{hint}; the drivers are: {', '.join(names)}."
-    )
+    what = f"{word!r}{did_you_mean(word, names)}; the drivers are: {', '.join(names)}."
+    return ConfigError(f"There is no driver or run folder {what}")
 
 
 def default_config(specs: Sequence[DriverSpec]) -> Config:
@@ -318,11 +321,14 @@ def make_drivers(
     drivers: dict[str, Driver] = {}
 
     def its_check(spec: DriverSpec) -> SafetyCheck:
-        return _check(spec.config(config)) if check is None or spec.under else check
+        if check is not None and not spec.under:
+            return check
+        scenario = load_scenario(find_scenario(config.simulation.scenario))
+        return named_check(spec.config(config), scenario.vehicle_types, scenario.road)
 
     for spec in specs:
         name, driven_by = spec.name, spec.config(config)
-        if _without_check(name) == PLANNER:
+        if spec.is_planner:
             drivers[name] = driver_of_factory(PLANNER_FACTORY, driven_by)
         elif spec.actor is not None:
             drivers[name] = actor_driver(name, spec.actor, driven_by, its_check(spec))
@@ -343,12 +349,6 @@ def make_drivers(
             load = LOADERS[spec.run.suffix.lower()]
             drivers[spec.name] = load(spec.run, observed, partial(its_check, spec))
     return {spec.name: drivers[spec.name] for spec in specs}
-
-
-def _check(config: Config) -> SafetyCheck:
-    """Return the safety check of an environment with this config, for its scenario's vehicles."""
-    scenario = load_scenario(find_scenario(config.simulation.scenario))
-    return named_check(config, scenario.vehicle_types, scenario.road)
 
 
 def rule_driver(name: str, config: Config) -> Driver:

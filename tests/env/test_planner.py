@@ -7,14 +7,14 @@ from worlds import CENTER, LEFT, RIGHT, Car, ahead, scene, snapshot
 
 from drl_av.config import Config
 from drl_av.drivers.masked_policy import INPUTS
-from drl_av.drivers.registry import find_drivers, load_driver, make_drivers
+from drl_av.drivers.registry import driving_config, find_drivers, load_driver, make_drivers
 from drl_av.driving.actions import ACCELERATE, BRAKE, KEEP, MAINTAIN
 from drl_av.driving.actions import LEFT as TO_LEFT
 from drl_av.driving.actions import RIGHT as TO_RIGHT
 from drl_av.env.beliefs import GUESSES, Beliefs
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.planner import PlannerDriver
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.scenarios.folder import find_scenario, load_scenario
 
 STRICT = Config().updated("safety", check="strict")
@@ -121,6 +121,17 @@ def test_it_comes_farther_than_its_base_policy_and_repeats_itself() -> None:
         found = speed_m_s("planner")
         assert found > speed_m_s("pretrained")
         assert speed_m_s("planner") == found
+
+
+def test_its_settings_are_those_of_its_base_policy() -> None:
+    [planner, shipped] = find_drivers(["planner", "pretrained"])
+    assert driving_config([planner], None) == driving_config([shipped], None)
+    assert driving_config([planner], None).safety.check == "strict"
+
+
+def test_under_another_check_it_warns_as_its_base_policy_does() -> None:
+    with pytest.warns(DrlAvWarning, match="planner was trained under strict and relies on it"):
+        load_driver("planner", Config().updated("safety", check="paper"))
 
 
 def test_roads_that_the_twin_lacks_are_refused_in_a_sentence() -> None:
