@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import safetensors.numpy
 
 from drl_av.config import SINGLE_PRESETS, Config
@@ -24,14 +23,18 @@ from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.files import append_rows, column_types, read_table
 from drl_av.learning.large_scale import learner_of, save_actor
-from drl_av.learning.twin_worlds import Flags, Float32Array, IntArray, Part, TwinWorlds
+from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
+from drl_av.twin.worlds import FloatArray, IntArray
 from studies.options import RESULTS
 
-SAVED = 200_000, 500_000, 1_000_000, 2_000_000, 4_000_000, 8_000_000
-"""Decisions after which a policy is saved and measured; the last is the training's end."""
+DECISIONS = 8_000_000
+"""The schedule, over which the learning rate falls."""
+SAVED = 200_000, 500_000, 1_000_000, 2_000_000, 4_000_000
+"""Decisions after which a policy is saved and measured; a training ends at the last."""
 COUNTS = 5, 10, 15, 20, 25
 FIRST_SEED, EPISODES = 870_000, 100
 RULE = "gap-mobil"
+NOTHING = np.zeros(0, np.float32)
 
 
 class IndicatorWorlds(TwinWorlds):
@@ -129,7 +132,7 @@ class Row(NamedTuple):
 
 def settings(variant: str, seed: int) -> Config:
     """Return the settings of a training."""
-    preset = PRESETS["large"].updated("ppo", decisions=SAVED[-1]).updated("learning", seed=seed)
+    preset = PRESETS["large"].updated("ppo", decisions=DECISIONS).updated("learning", seed=seed)
     return VARIANTS[variant].changes(preset)
 
 
@@ -147,7 +150,7 @@ def train(runs: Path, job: tuple[str, int]) -> None:
         save_actor(folder / f"{decisions}.safetensors", learner, config)
 
 
-def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[npt.NDArray, int]:
+def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatArray, int]:
     """Return the ego's mean speeds, shape (counts, episodes), m/s, and the number of its hits.
 
     ``kept`` is the policy's file; without one the rule drives.
@@ -170,9 +173,8 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[npt.ND
         while goes_on.any():
             worlds.look(part, everywhere)
             if kept is None:
-                action = np.array(
-                    [rule.act(part.env.scene(row), None).number for row in everywhere]
-                )
+                scenes = map(part.env.scene, range(EPISODES))
+                action = np.array([rule.act(scene, NOTHING).number for scene in scenes])
             else:
                 logits = forward(layers, worlds.observation)[1]
                 action = np.where(worlds.permitted, logits, -np.inf).argmax(axis=1)
