@@ -83,7 +83,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         "--learning-rate",
         type=float,
         metavar="X",
-        help="step size of Adam; 0 drives the same traffic without learning (default: 1e-05)",
+        help="step size of Adam; 0 drives without learning (default: 1e-05)",
     )
     parser.add_argument(
         "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the RUN's)"

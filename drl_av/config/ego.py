@@ -32,8 +32,6 @@ class EgoConfig(Section):
         (ours)
     acc_gap_gain_per_s: longitudinal_reference acc: lambda, gain on the gap error (ours)
     acc_speed_gain_per_s: longitudinal_reference acc: gain on the speed error (ours)
-    overtake_right: whether the ego's rule-based drivers may pass another vehicle on the right above
-        60 km/h (ours)
     """
 
     max_speed_m_s: float = setting(30.0, low=1, high=60)
@@ -50,7 +48,6 @@ class EgoConfig(Section):
     reference_standstill_gap_m: float = setting(STANDSTILL_GAP_M, low=0, high=20)
     acc_gap_gain_per_s: float = setting(0.4, low=0.01, high=10)
     acc_speed_gain_per_s: float = setting(0.4, low=0.01, high=10)
-    overtake_right: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -27,7 +27,6 @@ class LearningConfig(Section):
         (Sec. IV-C)
     networks: number of Q-networks; each learns from its own minibatches; the driver uses their mean
         (ours)
-    round_robin: whether each gradient step trains only one of the networks, in turn (ours)
     replay: kind of experience replay (Alg. 1)
     batch_size: transitions in a minibatch (ours)
     collision_fraction: share of a minibatch from the collision buffer (ours)
@@ -41,8 +40,6 @@ class LearningConfig(Section):
     target_update_episodes: N_C, episodes between two updates of the target network (ours)
     gradient_steps: gradient steps per decision (Alg. 1)
     collisions_to_start: number of transitions that Buf_C must hold before learning starts (ours)
-    traffic_by_episode: whether the traffic of an episode depends on the seed and the episode number
-        only (ours)
     mirrored: whether left and right are exchanged in half of each minibatch, and the driver uses
         the mean Q-value of the scene and its mirror image (ours)
     counterfactuals: number of actions not taken, per decision, whose computed outcomes are stored
@@ -74,7 +71,6 @@ class LearningConfig(Section):
     epsilon_end: float = setting(0.2, low=0, high=1)
     epsilon_fraction: float = setting(0.7, low=0.001, high=1)
     networks: int = setting(1, low=1, high=100)
-    round_robin: bool = False
     replay: str = setting("two-buffer", choices=REPLAYS)
     batch_size: int = setting(64, low=2, high=100_000)
     collision_fraction: float = setting(0.25, low=0, high=1)
@@ -86,7 +82,6 @@ class LearningConfig(Section):
     target_update_episodes: int = setting(5, low=1, high=10_000)
     gradient_steps: int = setting(1, low=0, high=100)
     collisions_to_start: int = setting(0, low=0)
-    traffic_by_episode: bool = False
     mirrored: bool = False
     counterfactuals: int = setting(0, low=0, high=12)
     speed_weight: float = setting(0.0, low=0, high=10)

@@ -9,9 +9,6 @@ from drl_av.errors import ConfigError
 
 STANDSTILL_GAP_M = 2.5
 """Gap to the vehicle ahead at standstill: SUMO's minGap, and the default of each driver model."""
-CONGESTED_M_S = 60 / 3.6
-"""Speed, m/s, up to which a vehicle may always be passed on the right, as in SUMO (60 km/h)."""
-
 
 BESIDE_PRESETS = "vehicles_min", "vehicles_max", "keep_stopping_distance"
 """The settings that may be set beside ``presets``."""
