@@ -3,7 +3,6 @@
 import argparse
 import shlex
 import sys
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,9 +98,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
-    from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.run import Run, require_tensorboard
-    from drl_av.learning.training import build_training
+    from drl_av.learning.run import Run, open_training, require_tensorboard
 
     if options.tensorboard:
         require_tensorboard()
@@ -112,15 +109,12 @@ def train(options: argparse.Namespace) -> int:
         return train_seeds(jobs, options.jobs, shlex.join(again))
     if options.jobs > 1:
         raise ConfigError(f"--jobs {options.jobs} needs --seeds: one training uses one process.")
-    run = Run(options.out)
-    config = _training_config(options, run)
+    config = _training_config(options, Run(options.out))
     if config.learning.algorithm == "ppo":
         return _train_at_scale(options, config)
-    with closing(HighwayEnv(config=config, **custom_parts(options)._asdict())) as env:
-        training = build_training(env)
-        if not options.resume:
-            run.create(training)
-        return _run("train", run, training, options.tensorboard, "idm")
+    custom = custom_parts(options)
+    with open_training(options.out, config, custom, resume=options.resume) as opened:
+        return _run("train", *opened, options.tensorboard, "idm")
 
 
 def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
@@ -198,9 +192,7 @@ def adapt(options: argparse.Namespace) -> int:
     """
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
-    from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.run import Run, require_tensorboard, warm_start
-    from drl_av.learning.training import build_training
+    from drl_av.learning.run import Run, open_training, require_tensorboard, warm_start
 
     if options.tensorboard:
         require_tensorboard()
@@ -209,7 +201,7 @@ def adapt(options: argparse.Namespace) -> int:
             f"--resume continues {options.out} with the driver that it began with: leave "
             f"{options.run} out."
         )
-    run, word = Run(options.out), "pretrained-paper" if options.run is None else options.run
+    word = "pretrained-paper" if options.run is None else options.run
     [spec] = find_drivers([word])
     if spec.run is None:
         raise ConfigError(
@@ -217,21 +209,19 @@ def adapt(options: argparse.Namespace) -> int:
             "or leave it out for the driver that ships with drl-av."
         )
     policy = find_policy(spec.run)
-    config = _adaptation_config(options, run, spec)
-    with closing(HighwayEnv(config=config, **custom_parts(options)._asdict())) as env:
-        training = build_training(env)
-        if not options.resume:
-            experienced = warm_start(training, policy)
-            run.create(training)
-            run.save(training)
-            if not experienced and config.learning.learning_rate > 0:
-                print(
-                    f"drl-av: {word} comes without the experience of its training: it learns "
-                    f"from {config.learning.collisions_to_start} collision rows on.",
-                    file=sys.stderr,
-                )
-        rival = "idm" if options.resume else word
-        return _run("adapt", run, training, options.tensorboard, rival)
+    config = _adaptation_config(options, Run(options.out), spec)
+
+    def prepare(training: "Training") -> None:
+        if not warm_start(training, policy) and config.learning.learning_rate > 0:
+            print(
+                f"drl-av: {word} comes without the experience of its training: it learns "
+                f"from {config.learning.collisions_to_start} collision rows on.",
+                file=sys.stderr,
+            )
+
+    custom, resume = custom_parts(options), options.resume
+    with open_training(options.out, config, custom, resume=resume, prepare=prepare) as opened:
+        return _run("adapt", *opened, options.tensorboard, "idm" if resume else word)
 
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
@@ -281,22 +271,18 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 def _run(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
     """Train to the end or a stop, and print what to do next; return the exit status."""
     again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
-    with run.locked():
-        run.restore(training)
-        try:
-            finished = _watch(verb, run, training, tensorboard)
-        except KeyboardInterrupt:
-            finished = False
-        except SimulationError as error:
-            raise SimulationError(
-                f"{str(error).removesuffix('.')}; the run continues from its last checkpoint "
-                f"with: {again}."
-            ) from error
+    try:
+        finished = _watch(verb, run, training, tensorboard)
+    except KeyboardInterrupt:
+        finished = False
+    except SimulationError as error:
+        raise SimulationError(
+            f"{str(error).removesuffix('.')}; the run continues from its last checkpoint "
+            f"with: {again}."
+        ) from error
     if not finished:
         print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
         return INTERRUPTED
-    if not run.policy_file.exists():
-        run.save(training)
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {pluralize(episodes, 'episode')}; compare it with the driver {rival}:")
     print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))

@@ -5,7 +5,7 @@ import os
 import threading
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,9 +13,17 @@ from typing import Any, NamedTuple
 from drl_av.config import Config, from_toml, load_config
 from drl_av.config.reference import annotated_toml, settings
 from drl_av.drivers.policy_file import load, load_policy, save, save_policy
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.files import replacing, table_bytes
-from drl_av.learning.training import EpisodeRow, EvaluationRow, Training, learner_names
+from drl_av.learning.training import (
+    EpisodeRow,
+    EvaluationRow,
+    Training,
+    build_training,
+    learner_names,
+)
 
 
 class Progress(NamedTuple):
@@ -228,6 +236,38 @@ def _refusals_of(file: Path) -> Iterator[None]:
         ) from error
 
 
+@contextmanager
+def open_training(
+    folder: Path,
+    config: Config,
+    custom: CustomParts = NOTHING_CUSTOM,
+    *,
+    resume: bool = False,
+    prepare: Callable[[Training], object] | None = None,
+) -> Iterator[tuple[Run, Training]]:
+    """Begin a training in a new folder, or ``resume`` the one there; lock the folder in the block.
+
+    ``prepare`` changes a new training before its folder is made, as ``warm_start`` does.
+
+    Raises:
+        ConfigError, ScenarioError: the settings do not fit each other, the road or the memory.
+        RunError: the folder is not new, cannot be made, or another process trains in it.
+        CheckpointError: the checkpoint is damaged or of other settings, or cannot be written.
+    """
+    run = Run(folder)
+    with closing(HighwayEnv(config=config, **custom._asdict())) as env:
+        training = build_training(env)
+        if not resume:
+            if prepare:
+                prepare(training)
+            run.create(training)
+            if prepare:
+                run.save(training)
+        with run.locked():
+            run.restore(training)
+            yield run, training
+
+
 def train(run: Run, training: Training) -> Iterator[Progress]:
     """Train to the last episode, with evaluations and checkpoints; yield the rows of each episode.
 
@@ -245,6 +285,8 @@ def train(run: Run, training: Training) -> Iterator[Progress]:
         if training.episodes_done % config.checkpoint_every == 0 or last:
             run.save(training)
         yield Progress(row, evaluation)
+    if not run.policy_file.exists():
+        run.save(training)
 
 
 def warm_start(training: Training, policy_file: Path) -> bool:
