@@ -8,17 +8,23 @@ must continue an interrupted job, and do nothing if the job is complete.
 
 import contextlib
 import os
+import signal
+import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import islice
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
 
+from loky import ProcessPoolExecutor
+from loky.process_executor import BrokenProcessPool
+
 from drl_av.errors import DrlAvError, SimulationError
 from drl_av.evaluation import LOKY, RAY
-from drl_av.evaluation.processes import BrokenProcessPool, workers
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -185,3 +191,55 @@ def _given_up() -> SimulationError:
 
 ENGINES: dict[str, Engine] = {LOKY: on_this_machine, RAY: on_ray}
 """The engines by the names that users give."""
+
+
+__all__ = ["BrokenProcessPool", "workers"]
+
+Submit = Callable[..., "Future[Any]"]
+"""``submit(function, *arguments)`` returns the future of the result."""
+SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+LOOKS_FOR_PARENT_EVERY_S = 1.0
+
+
+@contextmanager
+def workers(processes: int) -> Iterator[Submit]:
+    """Start worker processes, and yield the function that submits calls to them.
+
+    If a worker is killed, all open futures raise ``BrokenProcessPool``. Each worker uses one
+    thread, and ignores Ctrl-C, which a terminal sends to every process. The workers stop when the
+    ``with`` block ends or this process is killed.
+    """
+    pool = ProcessPoolExecutor(
+        processes, env=SINGLE_THREADED, initializer=_end_with, initargs=(os.getpid(),)
+    )
+
+    def submit(function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        with _interrupts_ignored():  # a worker that starts here inherits this
+            future: Future[Any] = pool.submit(function, *arguments)
+        return future
+
+    try:
+        yield submit
+    finally:
+        pool.shutdown(kill_workers=True)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+def _end_with(parent: int) -> None:
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOKS_FOR_PARENT_EVERY_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
