@@ -16,7 +16,8 @@ from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit
 from drl_av.road.vehicle_types import check_numbers
 from drl_av.scenarios import open_road
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
-from drl_av.scenarios.imported.carriageway import Carriageway, carriageway, curve_limits
+from drl_av.scenarios.imported.carriageway import Carriageway, carriageway
+from drl_av.scenarios.imported.curves import curve_limits
 from drl_av.scenarios.imported.route import Route, Section, read_route
 from drl_av.scenarios.layout import (
     RUN_OUT_M,

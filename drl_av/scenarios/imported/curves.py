@@ -1,0 +1,89 @@
+"""The speed at which the curves of a route can be driven; pure geometry (ours)."""
+
+import math
+from bisect import bisect
+from collections.abc import Iterable, Sequence
+from itertools import product
+
+from drl_av.road.road import SpeedLimit
+from drl_av.scenarios.layout import Point
+
+Line = Sequence[tuple[float, Point]]
+"""Points along the middle of a lane, with their positions along the route, metres."""
+SPACING_M = 4.0
+"""Distance of the places at which the curvature of a route is computed."""
+CHORDS_M = (36.0, 72.0)
+"""Lengths of the two chords whose directions are compared at a place. So long chords even out how a
+map draws a curve by corners, and how SUMO draws a lane that moves sideways in a junction."""
+STRAIGHT_RAD = math.radians(20.0)
+"""Changes of direction up to this angle between two chords do not count: maps have such corners."""
+ALIKE = 1.15
+"""A curve extends to where its speed is this factor above that of its sharpest place."""
+
+
+def curve_limits(
+    lines: Iterable[Line], sideways_m_s2: float, fastest_m_s: float
+) -> list[SpeedLimit]:
+    """Return the curves of a route that are too sharp for ``fastest_m_s``, each with its speed.
+
+    In a curve of radius R the speed is at most sqrt(a R), where a is ``sideways_m_s2``. R is the
+    length of two chords, one behind a place and one ahead of it, divided by the angle between them.
+    """
+    sharp: dict[int, float] = {}
+    for line, chord_m in product(lines, CHORDS_M):
+        for place, radius_m in _radii_m(line, chord_m).items():
+            limit_m_s = math.sqrt(sideways_m_s2 * radius_m)
+            if limit_m_s < min(fastest_m_s, sharp.get(place, math.inf)):
+                sharp[place] = limit_m_s
+    found = []
+    while sharp:
+        sharpest = min(sharp, key=lambda place: (sharp[place], place))
+        limit_m_s, ends = sharp[sharpest], []
+        for side in (-1, 1):
+            place = sharpest
+            while sharp.get(place + side, math.inf) <= ALIKE * limit_m_s:
+                place += side
+            ends.append(place)
+            while sharp.get(place, math.inf) <= sharp.get(place + side, -math.inf):
+                place += side
+                del sharp[place]
+        for place in range(ends[0], ends[1] + 1):
+            del sharp[place]
+        ends_m = (SPACING_M * (ends[0] - 0.5), SPACING_M * (ends[1] + 0.5))
+        found.append(SpeedLimit(*ends_m, limit_m_s))
+    return sorted(found)
+
+
+def _radii_m(line: Line, chord_m: float) -> dict[int, float]:
+    """Return the radius at each place of a line that is not nearly straight, metres.
+
+    The key is the position along the route divided by ``SPACING_M``.
+    """
+    positions_m = [at_m for at_m, _ in line]
+    first = math.ceil((positions_m[0] + chord_m) / SPACING_M)
+    last = math.floor((positions_m[-1] - chord_m) / SPACING_M)
+    found = {}
+    for place in range(first, last + 1):
+        ways_m = (place * SPACING_M + way_m for way_m in (-chord_m, 0.0, chord_m))
+        turned = _turn(*(_point(line, positions_m, at_m) for at_m in ways_m))
+        if turned > STRAIGHT_RAD:
+            found[place] = chord_m / turned
+    return found
+
+
+def _turn(behind: Point, here: Point, ahead: Point) -> float:
+    """Return the angle between the chords of three points, radians, from 0 to pi."""
+    first, second = (
+        math.atan2(end[1] - begin[1], end[0] - begin[0])
+        for begin, end in ((behind, here), (here, ahead))
+    )
+    return abs((second - first + math.pi) % (2 * math.pi) - math.pi)
+
+
+def _point(line: Line, positions_m: Sequence[float], at_m: float) -> Point:
+    """Return the point of a line at a position along it."""
+    row = min(max(bisect(positions_m, at_m), 1), len(line) - 1)
+    (from_m, begin), (to_m, end) = line[row - 1], line[row]
+    share = min(max((at_m - from_m) / max(to_m - from_m, 1e-9), 0.0), 1.0)
+    x_m, y_m = (a + share * (b - a) for a, b in zip(begin, end, strict=True))
+    return x_m, y_m
