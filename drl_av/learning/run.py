@@ -3,15 +3,14 @@
 import importlib.util
 import os
 import threading
-import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drl_av.config import Config, from_toml, load_config
-from drl_av.config.reference import annotated_toml, settings
+from drl_av.config.reference import annotated_toml
 from drl_av.drivers.policy_file import load, load_policy, save, save_policy
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
@@ -77,10 +76,13 @@ class Run:
             new._save_checkpoint(training)
 
     def read_config(self) -> Config:
-        """Read the settings of the run; raises RunError if the folder has no config.toml."""
+        """Read the settings of the run; raises RunError if the folder has no config.toml.
+
+        ``restore`` finds a file that is cut short: its settings are not those of the checkpoint.
+        """
         if not self.config_file.is_file():
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
-        return load_stored(self.config_file)
+        return load_config(self.config_file)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -189,31 +191,6 @@ class Run:
         """Add a row to one of the CSV files; raises RunError if it cannot be written."""
         with _refusals_of(file), file.open("ab") as stream:
             stream.write(table_bytes(type(row), [row], header=False))
-
-
-def load_stored(path: Path) -> Config:
-    """Return the config in a run's ``config.toml``, which holds all settings.
-
-    Raises:
-        ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a
-            setting.
-    """
-    config, text = load_config(path), path.read_text(encoding="utf-8-sig")
-    document: dict[str, Any] = tomllib.loads(text)
-    for each in settings(config):
-        if each.key not in document.get(each.section, {}):
-            raise _not_whole(path, f"it lacks {each.section}.{each.key}")
-    if not text.endswith("\n"):
-        raise _not_whole(path, "its last line has no end")
-    return config
-
-
-def _not_whole(path: Path, reason: str) -> ConfigError:
-    """Return the error for an incomplete ``config.toml``; ``reason`` says how it is incomplete."""
-    return ConfigError(
-        f"{path} is not whole, {reason}: put back the config.toml that the run was begun with, "
-        "or begin a new run."
-    )
 
 
 def _fits(stored: str, config: Config) -> bool:
