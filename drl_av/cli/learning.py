@@ -3,10 +3,16 @@
 import argparse
 import shlex
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.options import add_env_options, custom_parts, int_at_least, with_command_line
+from drl_av.cli.options import (
+    add_env_options,
+    add_flag,
+    add_number,
+    add_path,
+    custom_parts,
+    with_command_line,
+)
 from drl_av.cli.seeds import SeedJob, seed_list, train_seeds
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
@@ -21,44 +27,28 @@ if TYPE_CHECKING:
 
 def add_train_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av train`` to its parser."""
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="RUN", help="the run's folder; must be new"
-    )
+    add_path(parser, "--out", "RUN", "the run's folder; must be new", needed=True)
     parser.add_argument(
         "--preset", metavar="NAME", help=f"one of: {', '.join(PRESETS)} (default: paper)"
     )
     numbers = ", ".join(f"{name} {found.learning.episodes}" for name, found in PRESETS.items())
-    parser.add_argument(
-        "--episodes",
-        type=int_at_least(1),
-        metavar="N",
-        help=f"episodes of at most 200 s (default: the preset's, {numbers})",
-    )
+    episodes = f"episodes of at most 200 s (default: the preset's, {numbers})"
+    add_number(parser, "--episodes", 1, episodes)
     seeds = parser.add_mutually_exclusive_group()
-    seeds.add_argument(
-        "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the preset's)"
-    )
+    add_number(seeds, "--seed", 0, "random seed (default: the preset's)", shown="S")
     seeds.add_argument(
         "--seeds",
         type=seed_list,
         metavar="S",
         help="several seeds, such as 1-5 or 1,3,7: a run for each, RUN/seed-1 and so on",
     )
-    parser.add_argument(
-        "--jobs",
-        type=int_at_least(1),
-        default=1,
-        metavar="N",
-        help="number of processes that share the runs of --seeds",
-    )
+    add_number(parser, "--jobs", 1, "number of processes that share the runs of --seeds", 1)
     parser.add_argument(
         "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
     )
     add_env_options(parser, "the preset's", zips=False)
-    parser.add_argument("--resume", action="store_true", help="continue a run that was stopped")
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="also write TensorBoard events into the folder"
-    )
+    add_flag(parser, "--resume", "continue a run that was stopped")
+    add_flag(parser, "--tensorboard", "also write TensorBoard events into the folder")
 
 
 def add_adapt_options(parser: argparse.ArgumentParser) -> None:
@@ -69,31 +59,18 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="folder of the run to start from (default: pretrained-paper)",
     )
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="RUN2", help="the new run's folder; must be new"
-    )
-    parser.add_argument(
-        "--episodes",
-        type=int_at_least(1),
-        metavar="N",
-        help="episodes of at most 200 s (default: 30000)",
-    )
+    add_path(parser, "--out", "RUN2", "the new run's folder; must be new", needed=True)
+    add_number(parser, "--episodes", 1, "episodes of at most 200 s (default: 30000)")
     parser.add_argument(
         "--learning-rate",
         type=float,
         metavar="X",
         help="step size of Adam; 0 drives without learning (default: 1e-05)",
     )
-    parser.add_argument(
-        "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the RUN's)"
-    )
+    add_number(parser, "--seed", 0, "random seed (default: the RUN's)", shown="S")
     add_env_options(parser, "the RUN's", zips=False)
-    parser.add_argument(
-        "--resume", action="store_true", help="continue RUN2 where it was stopped, without RUN"
-    )
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="also write TensorBoard events into RUN2"
-    )
+    add_flag(parser, "--resume", "continue RUN2 where it was stopped, without RUN")
+    add_flag(parser, "--tensorboard", "also write TensorBoard events into RUN2")
 
 
 def train(options: argparse.Namespace) -> int:
