@@ -10,7 +10,7 @@ from drl_av.cli.options import int_at_least
 from drl_av.config.schema import meanings
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.road_description import RoadDescription
-from drl_av.scenarios.road_types import ROAD_TYPES, road_type_name
+from drl_av.scenarios.road_types import ROAD_TYPES, road_type_name, unknown_road_type
 
 FLAGS = {"barricaded_lanes": "--barricade"}
 """Maps a setting to its option, if the option does not have the name of the setting."""
@@ -97,12 +97,11 @@ def scenario(options: argparse.Namespace) -> int:
 
 def _described(options: argparse.Namespace) -> RoadDescription | None:
     """Return the description that ``--from`` names; raise ScenarioError if it has another kind."""
-    from drl_av.scenarios.description_file import unknown_road_type
     from drl_av.scenarios.folder import find_description, read_description
 
     kind = options.kind
     if kind is not None and kind not in ROAD_TYPES:
-        raise unknown_road_type(kind, ROAD_TYPES)
+        raise unknown_road_type(kind)
     if not options.source:
         return None
     source, *others = options.source

@@ -17,7 +17,6 @@ from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError, SimulationError
 from drl_av.scenarios import netconvert
-from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.folder import (
     PlacedVehicle,
     ScenarioDescription,
@@ -33,6 +32,7 @@ from drl_av.scenarios.highways import (
     RampToRampDescription,
     StraightDescription,
 )
+from drl_av.scenarios.road_types import from_toml
 
 CHECKOUT = Path(__file__).parents[2]
 SHIPPED = {
