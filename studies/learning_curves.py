@@ -1,7 +1,7 @@
-"""The study ``curves``: learning curves of Algorithm 1 of the paper and of two variants.
+"""The study ``curves``: learning curves of Algorithm 1 of the paper and of three variants.
 
-The variants are training without the safety check (Fig. 5 of the paper), and prioritized replay
-instead of two buffers (Fig. 7).
+The variants are training without the safety check (Fig. 5 of the paper), and prioritized or uniform
+replay instead of two buffers (Fig. 7). All are trained in the traffic ``paper``, in the twin.
 """
 
 import math
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.config.traffic import TRAFFIC_PRESETS
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
@@ -33,23 +34,32 @@ CHANGES: dict[str, Settings] = {
     "paper": {"safety": {"check": "paper"}, "learning": {"replay": "two-buffer"}},
     "permit_all": {"safety": {"check": "permit_all"}},
     "prioritized": {"learning": {"replay": "prioritized"}},
+    "uniform": {"learning": {"replay": "uniform"}},
 }
 """The settings that each variant changes, by section of the config."""
-LATE_BRAKING: Settings = {"traffic": {"keep_stopping_distance": False}}
-"""The traffic of these trainings, from before SUMO's vehicles kept a stopping distance."""
-SEEDS, EPISODES = 10, 3000
-"""Number of trainings of each variant, and their episodes; those of ``WHOLE`` go on."""
-WHOLE = {"paper": 10, "permit_all": 1, "prioritized": 1}
-"""Number of trainings of each variant that go on to the end of the schedule."""
+EPISODES = {"paper": (10_000,), "permit_all": (10_000,), "prioritized": (), "uniform": ()}
+"""The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
+number is raised."""
 PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
+PAPER_TRAFFIC: Settings = {
+    "simulation": {"world": "twin"},
+    "traffic": {name: value for name, (value, _) in TRAFFIC_PRESETS["paper"].settings.items()},
+}
+"""The traffic of Sec. IV-B of the paper, in the twin."""
 PAPER_REWARD = -0.025
 """Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
 LABELS = {
     "paper": "two buffers, safety check",
     "permit_all": "two buffers, no safety check",
     "prioritized": "prioritized replay, safety check",
+    "uniform": "uniform replay, safety check",
 }
-COLORS = {"paper": "#d55e00", "permit_all": "#000000", "prioritized": "#0072b2"}
+COLORS = {
+    "paper": "#d55e00",
+    "permit_all": "#000000",
+    "prioritized": "#0072b2",
+    "uniform": "#009e73",
+}
 PANELS = {
     "mean_reward": "mean reward a decision, greedy",
     "training_reward": "the same while exploring",
@@ -78,23 +88,26 @@ SUMMARIZED = {
 
 
 def curve_plan(options: Options) -> Plan:
-    """Return a plan to train each variant on each seed for ``EPISODES`` episodes.
+    """Return a plan to train each variant on each of its seeds, for its ``EPISODES``.
 
-    The first seeds of each variant, ``WHOLE``, then go on to the end of the schedule.
+    The trainings with and without the safety check come first, seed by seed.
     """
-    base = options.with_files(changed(Config(), LATE_BRAKING))
-    configs = {variant: changed(base, settings) for variant, settings in CHANGES.items()}
-    learning = base.learning
-    every, schedule = learning.evaluate_every, learning.episodes
-    short, whole = [], []
-    for seed, variant in product(range(options.trainings(SEEDS)), CHANGES):
-        config = configs[variant].updated("learning", seed=seed)
-        folder = options.runs / f"{variant}-{seed}"
-        short.append(TrainingJob(variant, config, min(EPISODES, schedule), folder, every))
-        if seed < WHOLE[variant] and schedule > EPISODES:
-            whole.append(TrainingJob(variant, config, schedule, folder, every))
-    configs = {name: config.updated("learning", seed=0) for name, config in configs.items()}
-    return reporting_plan(configs, [short, whole], evaluations_of)
+    base = options.with_files(changed(Config(), PAPER_TRAFFIC))
+    configs = {
+        variant: changed(base, CHANGES[variant]) for variant, each in EPISODES.items() if each
+    }
+    learning, rounds = base.learning, list[list[TrainingJob]]()
+    for variants in (("paper", "permit_all"), ("prioritized", "uniform")):
+        seeds = options.trainings(max(len(EPISODES[variant]) for variant in variants))
+        jobs = []
+        for seed, variant in product(range(seeds), variants):
+            for episodes in EPISODES[variant][seed : seed + 1]:
+                config = configs[variant].updated("learning", seed=seed)
+                stop, folder = min(episodes, learning.episodes), options.runs / f"{variant}-{seed}"
+                job = TrainingJob(variant, config, stop, folder, learning.evaluate_every)
+                jobs.append(job)
+        rounds.append(jobs)
+    return reporting_plan(configs, rounds, evaluations_of)
 
 
 def reporting_plan(
