@@ -1,13 +1,12 @@
 """The study ``curves``: learning curves of Algorithm 1 of the paper and of three variants.
 
 The variants are training without the safety check (Fig. 5 of the paper), and prioritized or uniform
-replay instead of two buffers (Fig. 7). All are trained in the traffic ``paper``, in the twin.
+replay instead of two buffers (Fig. 7), each in the traffic ``calm`` and in that of the paper.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from itertools import product
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,22 +29,34 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CHANGES: dict[str, Settings] = {
+LATE_BRAKING: Settings = {"traffic": {"keep_stopping_distance": False}}
+"""The traffic of the trainings in ``calm``, which were made before SUMO's vehicles kept a stopping
+distance."""
+MIXED: Settings = {
+    "simulation": {"world": "twin"},
+    "traffic": {name: value for name, (value, _) in TRAFFIC_PRESETS["paper"].settings.items()},
+}
+"""The traffic of Sec. IV-B of the paper, in the twin."""
+VARIANTS: dict[str, Settings] = {
     "paper": {"safety": {"check": "paper"}, "learning": {"replay": "two-buffer"}},
     "permit_all": {"safety": {"check": "permit_all"}},
     "prioritized": {"learning": {"replay": "prioritized"}},
     "uniform": {"learning": {"replay": "uniform"}},
 }
-"""The settings that each variant changes, by section of the config."""
-EPISODES = {"paper": (10_000,), "permit_all": (10_000,), "prioritized": (), "uniform": ()}
+CHANGES: dict[str, tuple[Settings, Settings]] = {
+    **{name: (LATE_BRAKING, settings) for name, settings in VARIANTS.items()},
+    **{f"mixed_{name}": (MIXED, settings) for name, settings in VARIANTS.items()},
+}
+"""The settings that each variant changes, by section of the config; "mixed_" stands before those in
+the traffic of the paper."""
+EPISODES = {
+    "paper": 10 * (10_000,),
+    "permit_all": (10_000, *9 * (3000,)),
+    "prioritized": (10_000, *9 * (3000,)),
+}
 """The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
 number is raised."""
 PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
-PAPER_TRAFFIC: Settings = {
-    "simulation": {"world": "twin"},
-    "traffic": {name: value for name, (value, _) in TRAFFIC_PRESETS["paper"].settings.items()},
-}
-"""The traffic of Sec. IV-B of the paper, in the twin."""
 PAPER_REWARD = -0.025
 """Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
 LABELS = {
@@ -64,6 +75,7 @@ PANELS = {
     "mean_reward": "mean reward a decision, greedy",
     "training_reward": "the same while exploring",
     "training_collisions": "collisions an episode while exploring",
+    "collisions": "collisions an episode, greedy",
     "safety_triggers": "safety triggers an episode, greedy",
 }
 
@@ -88,26 +100,23 @@ SUMMARIZED = {
 
 
 def curve_plan(options: Options) -> Plan:
-    """Return a plan to train each variant on each of its seeds, for its ``EPISODES``.
+    """Return a plan to train the variants on each of their seeds, for their ``EPISODES``.
 
-    The trainings with and without the safety check come first, seed by seed.
+    The trainings of seed 0 come first.
     """
-    base = options.with_files(changed(Config(), PAPER_TRAFFIC))
-    configs = {
-        variant: changed(base, CHANGES[variant]) for variant, each in EPISODES.items() if each
-    }
-    learning, rounds = base.learning, list[list[TrainingJob]]()
-    for variants in (("paper", "permit_all"), ("prioritized", "uniform")):
-        seeds = options.trainings(max(len(EPISODES[variant]) for variant in variants))
-        jobs = []
-        for seed, variant in product(range(seeds), variants):
-            for episodes in EPISODES[variant][seed : seed + 1]:
+    configs = {}
+    for variant in EPISODES:
+        traffic, settings = CHANGES[variant]
+        configs[variant] = changed(options.with_files(changed(Config(), traffic)), settings)
+    jobs = []
+    for seed in range(options.trainings(max(map(len, EPISODES.values())))):
+        for variant, episodes in EPISODES.items():
+            for stop in episodes[seed : seed + 1]:
                 config = configs[variant].updated("learning", seed=seed)
-                stop, folder = min(episodes, learning.episodes), options.runs / f"{variant}-{seed}"
-                job = TrainingJob(variant, config, stop, folder, learning.evaluate_every)
-                jobs.append(job)
-        rounds.append(jobs)
-    return reporting_plan(configs, rounds, evaluations_of)
+                folder, learning = options.runs / f"{variant}-{seed}", config.learning
+                stop = min(stop, learning.episodes)
+                jobs.append(TrainingJob(variant, config, stop, folder, learning.evaluate_every))
+    return reporting_plan(configs, [jobs], evaluations_of)
 
 
 def reporting_plan(
@@ -303,11 +312,12 @@ def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
 
     A thin line shows each seed whose training is at least as long as the mean's curve.
     """
-    found, color = curve(rows, variant, column), COLORS[variant]
+    kind = variant.removeprefix("mixed_")
+    found, color = curve(rows, variant, column), COLORS[kind]
     seeds = len(found.values)
     means = np.array([mean.value for mean in found.means])
     halves = np.array([mean.half_width for mean in found.means])
-    label = f"{LABELS[variant]} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
+    label = f"{LABELS[kind]} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
     axes.plot(found.episodes, means, color=color, label=label)
     if np.isfinite(halves).all():
         axes.fill_between(

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from runs import TINY, files_of
 
-from drl_av.config import Config
 from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import DrlAvError, RunError
 from drl_av.evaluation import engines
@@ -23,7 +22,6 @@ from studies import engine as module
 from studies.adaptation import ADAPTATION, adaptation_figure, adaptation_table
 from studies.engine import Progress, make
 from studies.learning_curves import (
-    CHANGES,
     CURVES,
     converged_at,
     convergence,
@@ -36,12 +34,10 @@ from studies.trainings import TrainingJob, train_job
 LAST = 9
 """Episode at which the longer training is killed once, of 12; its last checkpoint is 8's."""
 
-NONE: dict[str, tuple[int, ...]] = dict.fromkeys(CHANGES, ())
-
 
 @pytest.fixture(autouse=True)
 def _few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(learning_curves, "EPISODES", NONE | {"paper": (12, 6)})
+    monkeypatch.setattr(learning_curves, "EPISODES", {"paper": (12, 6)})
 
 
 def options(folder: Path, **changes: Any) -> Options:
@@ -129,7 +125,7 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
     assert trained(elsewhere) == []
     assert not asked
     assert (tmp_path / "curves.csv").read_bytes() == before
-    monkeypatch.setattr(learning_curves, "EPISODES", NONE | {"paper": (12, 9)})
+    monkeypatch.setattr(learning_curves, "EPISODES", {"paper": (12, 9)})
     with pytest.raises(DrlAvError, match=r"paper-1 lacks rows .* up to episode 9"):
         trained(elsewhere)
     assert asked == [("paper-1", 9)]
@@ -344,21 +340,23 @@ def test_a_curve_goes_as_far_as_every_seed() -> None:
     assert found.means[0].value == -2
 
 
-def test_the_trainings_are_in_the_traffic_of_the_paper_with_and_without_the_check_first(
+def test_the_trainings_of_the_first_seed_come_first_and_each_traffic_is_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learning_curves, "EPISODES", dict.fromkeys(CHANGES, (10_000, 3000)))
-    check, replay = learning_curves.curve_plan(Options(runs=tmp_path)).trainings
-    jobs = [rows.job for rows in (*check, *replay)]
-    assert [(job.name, job.stop) for job in jobs[:5]] == [
+    wanted = {"paper": (10_000,), "mixed_permit_all": (10_000, 3000), "mixed_uniform": (500,)}
+    monkeypatch.setattr(learning_curves, "EPISODES", wanted)
+    [rows] = learning_curves.curve_plan(Options(runs=tmp_path)).trainings
+    jobs = [each.job for each in rows]
+    assert [(job.name, job.stop) for job in jobs] == [
         ("paper-0", 10_000),
-        ("permit_all-0", 10_000),
-        ("paper-1", 3000),
-        ("permit_all-1", 3000),
-        ("prioritized-0", 10_000),
+        ("mixed_permit_all-0", 10_000),
+        ("mixed_uniform-0", 500),
+        ("mixed_permit_all-1", 3000),
     ]
-    for job in jobs:
-        assert job.config.simulation.world == "twin"
-        assert job.config.traffic == Config().with_traffic("paper").traffic
-    assert [job.config.safety.check for job in jobs[:2]] == ["paper", "permit_all"]
-    assert [job.config.learning.replay for job in jobs[4:6]] == ["prioritized", "uniform"]
+    worlds = [job.config.simulation.world for job in jobs]
+    assert worlds == ["sumo", "twin", "twin", "twin"]
+    shares = [job.config.traffic.level_1_share for job in jobs]
+    assert shares == [0.0, 0.25, 0.25, 0.25]
+    checks = [job.config.safety.check for job in jobs]
+    assert checks == ["paper", "permit_all", "paper", "permit_all"]
+    assert jobs[2].config.learning.replay == "uniform"
