@@ -134,7 +134,8 @@ def require_shared(folder: Path) -> None:
     mark.touch()
     try:
         with _cluster(1):
-            exists, answers = ray.remote(num_cpus=0)(lambda path: os.path.exists(path)), {}
+            exists: Any = ray.remote(num_cpus=0)(lambda path: os.path.exists(path))
+            answers = dict[str, Any]()
             nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
             for node in nodes:
                 if node["Alive"]:
