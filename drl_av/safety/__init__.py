@@ -15,6 +15,7 @@ from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
 from drl_av.safety.check import SafetyCheck, Verdicts, WholeCheck, permit_all, permits
+from drl_av.safety.lane_ends import PaperBeforeLaneEnds
 from drl_av.safety.paper import Paper
 from drl_av.safety.strict import Strict
 
@@ -28,7 +29,9 @@ def _strict(config: Config, vehicle_types: VehicleTypes, road: Road) -> SafetyCh
 
 CHECKS: dict[str, Callable[[Config, VehicleTypes, Road], SafetyCheck]] = {
     "permit_all": lambda config, vehicle_types, road: permit_all,
-    "paper": lambda config, vehicle_types, road: Paper(config.safety),
+    "paper": lambda config, vehicle_types, road: (
+        Paper(config.safety) if road.is_loop else PaperBeforeLaneEnds(config)
+    ),
     "strict": _strict,
 }
 """The function that creates each safety check, by name.
