@@ -16,9 +16,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import islice
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
+from uuid import uuid4
 
 from loky import ProcessPoolExecutor
 from loky.process_executor import BrokenProcessPool
@@ -119,6 +121,41 @@ def on_ray(work: Callable[[Job], Result], jobs: Sequence[Job], processes: int) -
         finally:
             for reference in running:
                 ray.cancel(reference, force=True)
+
+
+def require_shared(folder: Path) -> None:
+    """Check that all machines of the Ray cluster at ``RAY_ADDRESS`` see the same ``folder``.
+
+    Each machine must see a file that this one writes there. Without ``RAY_ADDRESS`` all jobs run on
+    this machine.
+
+    Raises DrlAvError if a machine does not see it.
+    """
+    if "RAY_ADDRESS" not in os.environ:
+        return
+    import ray
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    mark = folder / f".shared-{uuid4().hex}"
+    mark.touch()
+    try:
+        with _cluster(1):
+            exists: Any = ray.remote(num_cpus=0)(lambda path: os.path.exists(path))
+            answers = dict[str, Any]()
+            nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
+            for node in nodes:
+                if node["Alive"]:
+                    there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+                    asked = exists.options(scheduling_strategy=there).remote(str(mark))
+                    answers[node["NodeManagerHostname"]] = asked
+            blind = [host for host, answer in answers.items() if not ray.get(answer)]
+    finally:
+        mark.unlink(missing_ok=True)
+    if blind:
+        raise DrlAvError(
+            f"{', '.join(blind)} of the Ray cluster cannot see the files in {folder}: give --runs "
+            "a folder that all its machines share."
+        )
 
 
 def _lives(node: str) -> bool:
