@@ -83,6 +83,17 @@ class PaperRewardWorlds(TwinWorlds):
     PART = PaperPart
 
 
+class TwoCheckWorlds(TwinWorlds):
+    """Half of the worlds of each kind of traffic drive under the check ``paper``."""
+
+    def kinds(self, config: Config) -> list[Config]:
+        """Return the settings of which each drives an equal part of the worlds."""
+        found = super().kinds(config)
+        return [
+            kind.updated("safety", check=name) for kind in found for name in ("strict", "paper")
+        ]
+
+
 class Variant(NamedTuple):
     """One choice that differs from the preset, and its words in the figure."""
 
@@ -97,8 +108,7 @@ def _ppo(**settings: object) -> Callable[[Config], Config]:
 
 VARIANTS = {
     "large": Variant("the preset"),
-    "both": Variant("checks strict and paper", _ppo(checks=("strict", "paper"))),
-    "paper-check": Variant("check paper", _ppo(checks=("paper",))),
+    "both": Variant("checks strict and paper", worlds=TwoCheckWorlds),
     "indicators": Variant("27 indicators", worlds=IndicatorWorlds),
     "two-seconds": Variant("the second before, too", worlds=TwoSecondWorlds),
     "paper-reward": Variant("the paper's reward", worlds=PaperRewardWorlds),

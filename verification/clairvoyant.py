@@ -33,7 +33,7 @@ from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.evaluation.processes import workers
+from drl_av.evaluation.engines import workers
 from drl_av.evaluation.statistics import Speed, paired
 from drl_av.safety import CHECKS
 from drl_av.twin.worlds import COUNT

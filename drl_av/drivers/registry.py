@@ -34,7 +34,6 @@ from drl_av.drivers.rule_based import (
     IdmDriver,
     IdmSumoDriver,
     MobilDriver,
-    NoPassingOnTheRight,
     RandomDriver,
     SumoDriver,
     require_world,
@@ -53,9 +52,7 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "gap-mobil-1.3": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.3),
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
     "sumo": lambda config: SumoDriver(EgoModel()),
-    "sumo-tuned": lambda config: SumoDriver(
-        TUNED._replace(overtake_right=config.ego.overtake_right)
-    ),
+    "sumo-tuned": lambda config: SumoDriver(TUNED),
     "random": lambda config: RandomDriver(),
 }
 """For each rule-based driver, by name, the function that makes it from an environment's config.
@@ -354,8 +351,6 @@ def make_drivers(
 def rule_driver(name: str, config: Config) -> Driver:
     """Make the rule-based driver of this name, or the driver of a factory ``module:factory``.
 
-    A rule-based driver passes on the right only if ``ego.overtake_right`` permits it.
-
     Raises:
         ConfigError: there is no such driver in this world, or the factory does not work.
     """
@@ -365,9 +360,7 @@ def rule_driver(name: str, config: Config) -> Driver:
         raise _unknown(name)
     driver = RULE_DRIVERS[name](config)
     require_world(driver, config.simulation.world)
-    if config.ego.overtake_right or isinstance(driver, SumoDriver):
-        return driver
-    return NoPassingOnTheRight(driver, config.ego)
+    return driver
 
 
 def load_driver(

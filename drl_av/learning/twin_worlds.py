@@ -91,11 +91,7 @@ class TwinWorlds(VecEnv):
         self.collisions = 0
         """Episodes so far that ended with a collision."""
         self._scale = VALUE_SCALE * (1.0 - config.ppo.discount)
-        kinds = [
-            kind.updated("safety", check=check)
-            for kind in config.per_traffic_preset
-            for check in config.ppo.checks or (config.safety.check,)
-        ]
+        kinds = self.kinds(config)
         ends = np.rint(np.linspace(0, count, len(kinds) + 1)).astype(int).tolist()
         self.parts = [
             self.PART(slice(first, last), kind, seed)
@@ -110,6 +106,10 @@ class TwinWorlds(VecEnv):
                 _, hit, late = part.step(np.zeros(part.env.num_envs, np.int64))
                 part.begin_anew(hit | late | (begins == decision))
             self.look(part, np.arange(part.env.num_envs))
+
+    def kinds(self, config: Config) -> list[Config]:
+        """Return the settings of which each drives an equal part of the worlds."""
+        return config.per_traffic_preset
 
     def look(self, part: Part, worlds: IntArray) -> None:
         """Update the observations and the masks of some worlds of one part."""
