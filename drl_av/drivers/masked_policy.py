@@ -46,17 +46,17 @@ class MaskedPolicyDriver(Driver):
 
         ``observation`` is not used.
         """
-        return ACTIONS[self._logits(scene).argmax()]
+        return ACTIONS[self.logits(scene).argmax()]
 
     def probabilities(self, scene: Scene) -> npt.NDArray[np.float32]:
         """Return the probability of each action in training, shape (12,); 0 if not permitted."""
-        logits = self._logits(scene)
+        logits = self.logits(scene)
         weights: npt.NDArray[np.float32] = np.exp(logits - logits.max())
         weights /= weights.sum()
         return weights
 
-    def _logits(self, scene: Scene) -> npt.NDArray[np.float32]:
-        """Return the logit of each action, shape (12,); -inf if another one is permitted only."""
+    def logits(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the logits of the 12 actions, -inf for those that the check does not permit."""
         permitted = action_mask(self._check, scene)
         wide = observe_wide(
             scene.snapshot, self._road, self._range_m, self._max_speed_m_s, scene.lanes
@@ -69,7 +69,7 @@ class MaskedPolicyDriver(Driver):
 
 def actor_driver(
     name: str, actor: tuple[Layers, Config], config: Config, check: SafetyCheck
-) -> Driver:
+) -> MaskedPolicyDriver:
     """Return the driver of a training at scale for an environment with this config and check.
 
     A driver that was trained under ``strict`` warns of another check, and each one of a road whose
