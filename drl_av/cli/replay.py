@@ -192,10 +192,15 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         return worst_sessions(Path(tables[0]), options.worst, options.driver, custom, count)
     words = [*options.source, *filter(None, [options.driver])] or ["pretrained"]
     files = [word for word in words if _is_recording(Path(word))]
+    specs = () if files else find_drivers(words)
+    allowed = 2 if [*filter(None, _written(options))] == [options.html] else 1
+    if max(len(words), len(specs)) > allowed or files not in ([], words):
+        raise ConfigError(
+            f"{' and '.join(words)} are no one episode: --html, and no other file, shows two "
+            "drivers or two recordings, and everything else one."
+        )
     if not files:
-        return _new_sessions(options, find_drivers(words), custom)
-    if files != words or len(files) > (2 if _only_page(options) else 1):
-        raise _at_most_two(words)
+        return _new_sessions(options, specs, custom)
     recordings = [load_recording(Path(file)) for file in files]
     for file, recording in zip(files, recordings, strict=True):
         _refuse_settings(options, file, recording.config.safety.check)
@@ -208,17 +213,6 @@ def _is_recording(path: Path) -> bool:
     return path.is_file() and path.suffix not in OTHER_SOURCES
 
 
-def _only_page(options: argparse.Namespace) -> bool:
-    return [*filter(None, _written(options))] == [options.html]
-
-
-def _at_most_two(words: "Sequence[str]") -> ConfigError:
-    return ConfigError(
-        f"{' and '.join(words)} are no one episode: --html, and no other file, shows two drivers "
-        "or two recordings, and everything else one."
-    )
-
-
 def _new_sessions(
     options: argparse.Namespace, specs: "Sequence[DriverSpec]", custom: "CustomParts"
 ) -> "list[ReplaySession]":
@@ -226,8 +220,6 @@ def _new_sessions(
     from drl_av.env.highway import HighwayEnv
     from drl_av.evaluation.replay import USUAL_VEHICLES, ReplaySession
 
-    if len(specs) > (2 if _only_page(options) else 1):
-        raise _at_most_two([spec.name for spec in specs])
     shared = with_command_line(default_config(specs), options)
     if options.decisions:
         shared = shared.updated("simulation", decisions_per_episode=options.decisions)

@@ -62,7 +62,7 @@ def test_a_wrong_wish_is_one_sentence(
         (["idm", "--worst", "min_ttc_s"], "--worst takes a table"),
         (["idm", "--sheet", "x.png"], "--sheet draws ten episodes of --worst"),
         (["rows.csv", "--worst", "min_ttc_s", "--seed", "3"], "--seed cannot be changed"),
-        (["idm", "--driver", "idm"], "two drivers: name one"),
+        (["idm", "--driver", "idm"], "idm and idm are no one episode"),
     ):
         capsys.readouterr()
         assert main(["replay", *words]) == 1
