@@ -13,12 +13,12 @@ from drl_av.drivers.background.finite_state import (
     finite_state,
 )
 from drl_av.drivers.background.level_k import (
-    NO_LEVEL_1,
+    NO_LEVEL_K,
     Level0Numbers,
-    Level1Numbers,
+    LevelKNumbers,
     level_0,
-    level_1,
-    load_level_1,
+    level_k,
+    load_level_k,
 )
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
@@ -34,9 +34,10 @@ ORDER = (
     DriverModel.LEVEL_0,
     DriverModel.LEVEL_1,
     DriverModel.HARD_BRAKING,
+    DriverModel.LEVEL_2,
 )
 """The order of the commands, and so of the priority of the vehicles in ``give_way``."""
-LEVEL_0, LEVEL_1 = DriverModel.LEVEL_0.value, DriverModel.LEVEL_1.value
+LEVEL_0, LEVEL_1, LEVEL_2 = (DriverModel[f"LEVEL_{k}"].value for k in range(3))
 
 
 class TrafficNumbers(NamedTuple):
@@ -46,7 +47,8 @@ class TrafficNumbers(NamedTuple):
     range_m: float
     machine: FiniteStateNumbers
     table: Level0Numbers
-    network: Level1Numbers
+    level_1: LevelKNumbers
+    level_2: LevelKNumbers
     ego: EgoNumbers
     braking_m_s2: float
     """The hardest braking of the vehicles."""
@@ -55,18 +57,20 @@ class TrafficNumbers(NamedTuple):
 
 
 def traffic_numbers(config: Config, road: Road, vehicle_types: VehicleTypes) -> TrafficNumbers:
-    """Return the numbers of a config, with the shipped level-1 driver if there is any.
+    """Return the numbers of a config, with the shipped level-k drivers that the traffic has.
 
     Raises:
-        CheckpointError: the level-1 driver cannot be read.
+        CheckpointError: a level-k driver cannot be read.
     """
-    timing, shares = config.simulation, [k.traffic.level_1_share for k in config.per_traffic_preset]
+    timing, kinds = config.simulation, [each.traffic for each in config.per_traffic_preset]
+    has_1, has_2 = any(k.level_1_share for k in kinds), any(k.level_2_share for k in kinds)
     return TrafficNumbers(
         road=road_numbers(road),
         range_m=float(config.observation.range_m),
         machine=numbers(FiniteStateNumbers, config.finite_state),
         table=numbers(Level0Numbers, config.level_0),
-        network=load_level_1(road) if any(shares) else NO_LEVEL_1,
+        level_1=load_level_k(road, 1) if has_1 else NO_LEVEL_K,
+        level_2=load_level_k(road, 2) if has_2 else NO_LEVEL_K,
         ego=ego_numbers(config.ego, timing),
         braking_m_s2=float(vehicle_types.traffic.braking_m_s2),
         times_s=(float(timing.decision_interval_s), float(timing.step_length_s)),
@@ -143,9 +147,10 @@ def decide(
     road, range_m, lane_m = traffic.road, traffic.range_m, traffic.road.lane_width_m
     values, codes, changes = np.empty(VALUES), np.empty(CODES, np.int64), False
     for row in rows:
-        if models[row] == LEVEL_1:
-            indicators(*state, road, traffic.network.range_m, values, codes, row)
-            acceleration_m_s2[row], side[row] = level_1(values, codes, lane_m, traffic.network)
+        if models[row] == LEVEL_1 or models[row] == LEVEL_2:
+            driver = traffic.level_1 if models[row] == LEVEL_1 else traffic.level_2
+            indicators(*state, road, driver.range_m, values, codes, row)
+            acceleration_m_s2[row], side[row] = level_k(values, codes, lane_m, driver)
         else:
             indicators(*state, road, range_m, values, codes, row)
             if models[row] == LEVEL_0:
