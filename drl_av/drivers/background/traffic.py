@@ -12,6 +12,7 @@ from drl_av.drivers.background.finite_state import (
     State,
     finite_state,
 )
+from drl_av.drivers.background.finite_state import looks_aside as finite_state_looks_aside
 from drl_av.drivers.background.level_k import (
     NO_LEVEL_1,
     Level0Numbers,
@@ -22,7 +23,8 @@ from drl_av.drivers.background.level_k import (
 )
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
-from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
+from drl_av.driving.affordances import CODES, VALUES, IntArray, complete
+from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, road_numbers
 from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
@@ -139,22 +141,41 @@ def decide(
     ``models`` holds the ``DriverModel``, ``braking`` for how many decisions a vehicle brakes hard.
     The function updates ``states`` and ``braking``, and fills the last two arrays in ``rows``.
     """
-    state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
-    road, range_m, lane_m = traffic.road, traffic.range_m, traffic.road.lane_width_m
-    values, codes, changes = np.empty(VALUES), np.empty(CODES, np.int64), False
+    state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
+    road, lane_m, n, changes = traffic.road, traffic.road.lane_width_m, len(s_m), False
+    values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
+    units = np.empty((2, traffic.network.units), np.float32)
+    order, places = np.empty(n, np.int64), np.empty(n, np.int64)
+    longest_m, right, left = sort_along(s_m, y_m, length_m, width_m, lane_m, order, places)
+    along, road_m = Along(order, places, longest_m, (right, left)), (road.lap_m, lane_m)
     for row in rows:
-        if models[row] == LEVEL_1:
-            indicators(*state, road, traffic.network.range_m, values, codes, row)
-            acceleration_m_s2[row], side[row] = level_1(values, codes, lane_m, traffic.network)
+        model = models[row]
+        looks_aside = model == LEVEL_1
+        range_m = traffic.network.range_m if looks_aside else traffic.range_m
+        while True:
+            find_nearest(
+                *(s_m, y_m, length_m, width_m, road_m, along),
+                *(range_m, row, looks_aside, values, codes),
+            )
+            complete(state, road, range_m, values, codes, row)
+            if looks_aside or model == LEVEL_0:
+                break
+            looks_aside = finite_state_looks_aside(
+                values, codes, lane_m, states[row], desired_m_s[row], traffic.machine
+            )
+            if not looks_aside:
+                break
+        if model == LEVEL_1:
+            acceleration_m_s2[row], side[row] = level_1(
+                values, codes, lane_m, traffic.network, units
+            )
+        elif model == LEVEL_0:
+            action = level_0(values, codes, traffic.table)
+            acceleration_m_s2[row], side[row] = acceleration_of(action, traffic.ego), 0
         else:
-            indicators(*state, road, range_m, values, codes, row)
-            if models[row] == LEVEL_0:
-                action = level_0(values, codes, traffic.table)
-                acceleration_m_s2[row], side[row] = acceleration_of(action, traffic.ego), 0
-            else:
-                states[row], acceleration_m_s2[row], side[row] = finite_state(
-                    values, codes, lane_m, states[row], desired_m_s[row], traffic.machine
-                )
+            states[row], acceleration_m_s2[row], side[row] = finite_state(
+                values, codes, lane_m, states[row], desired_m_s[row], traffic.machine
+            )
         if braking[row] > 0:
             braking[row] -= 1
             acceleration_m_s2[row], side[row] = -traffic.machine.braking_m_s2, 0
