@@ -103,6 +103,7 @@ def level_1_numbers(layers: Layers, config: Config, road: Road) -> Level1Numbers
     )
 
 
+@borrowing
 def level_1(
     values: FloatArray,
     codes: IntArray,
@@ -124,7 +125,9 @@ def level_1(
         for place in range(0 if number == last else len(bias)):
             sums[place] = max(sums[place], sums[place] * np.float32(LEAK))
         entered, sums = sums, entered
-    best = int(entered[: len(driver.acceleration_m_s2)].argmax())
+    best = 0
+    for action in range(1, len(driver.acceleration_m_s2)):
+        best = action if entered[action] > entered[best] else best
     sign = SIGNS[best // 4]
     changing = abs(values[25] - codes[LANE] * lane_width_m) > CENTERED_M
     permitted = has_lane(codes, sign) and is_clear(values, codes, sign, driver.safety)
