@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
-.PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 results clean
+.PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 level_2 results clean
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -64,11 +64,10 @@ pretrained-paper: setup
 	cd runs/pretrained-paper && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/paper/
 
-# The level-1 driver of the traffic, trained again among level-0 drivers (minutes).
-level_1: setup
-	$(BIN)/drl-av train --config drl_av/pretrained/level_1/config.toml --out runs/level_1
-	cd runs/level_1 && cp config.toml evaluations.csv policy.safetensors \
-	    ../../drl_av/pretrained/level_1/
+# The level-k drivers of the traffic, trained again among drivers of one level less (minutes).
+level_1 level_2: setup
+	$(BIN)/drl-av train --config drl_av/pretrained/$@/config.toml --out runs/$@
+	cd runs/$@ && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/$@/
 
 text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
 

@@ -15,6 +15,7 @@ class Stream(IntEnum):
     KIND_OF_TRAFFIC = 5
     OWN_VEHICLE_TYPES = 6
     FORKS = 7
+    PLANS = 8
 
 
 def kind_of_traffic(seed: int, kinds: int) -> int:

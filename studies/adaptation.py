@@ -14,7 +14,7 @@ from drl_av.config.presets import preset
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.evaluation.statistics import mean_with_interval, moving_average
 from drl_av.files import Row
-from studies.learning_curves import LATE_BRAKING, curve, reporting_plan
+from studies.learning_curves import curve, reporting_plan
 from studies.options import Options, Plan, Program
 from studies.results import ResultsFolder, markdown_table
 from studies.study import changed
@@ -33,6 +33,8 @@ ORIGIN = {
     "lane_change_margin": 0.04,
 }
 """The [learning] settings in which the driver's training differs from the preset ``fast``."""
+LATE_BRAKING = {"traffic": {"keep_stopping_distance": False}}
+"""The traffic of these trainings, from before SUMO's vehicles kept a stopping distance."""
 CHANGES = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
 """The [learning] settings in which each variant differs from ``drl-av adapt``."""
 BLOCK = 100

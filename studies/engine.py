@@ -10,8 +10,9 @@ from drl_av.config import Config
 from drl_av.drivers.registry import DriverSpec, find_drivers
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.errors import DrlAvError
+from drl_av.evaluation import RAY
 from drl_av.evaluation.comparison import EpisodeJob, drive_episodes
-from drl_av.evaluation.engines import ENGINES
+from drl_av.evaluation.engines import ENGINES, require_shared
 from drl_av.evaluation.figure_style import save_figure
 from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs, ResultTable, report_corrupt_table
@@ -122,6 +123,8 @@ def _make(plan: Plan, table: ResultTable, options: Options) -> Iterator[Progress
             rows.job.require_same_settings()
     if jobs or any(rounds):
         make_folder(options.runs, "--runs")
+        if options.engine == RAY:
+            require_shared(options.runs)
     try:
         for own in rounds:
             yield from _report(own, table, options)

@@ -1,13 +1,12 @@
-"""The study ``curves``: learning curves of Algorithm 1 of the paper and of two variants.
+"""The study ``curves``: learning curves of Algorithm 1 of the paper and of three variants.
 
-The variants are training without the safety check (Fig. 5 of the paper), and prioritized replay
-instead of two buffers (Fig. 7).
+The variants are training without the safety check (Fig. 5 of the paper), and prioritized or uniform
+replay instead of two buffers (Fig. 7), each in the traffic ``calm`` and in that of the paper.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from itertools import product
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.config.traffic import TRAFFIC_PRESETS
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
@@ -29,18 +29,33 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CHANGES: dict[str, Settings] = {
+LATE_BRAKING: Settings = {"traffic": {"keep_stopping_distance": False}}
+"""The traffic of the trainings in ``calm``, which were made before SUMO's vehicles kept a stopping
+distance."""
+MIXED: Settings = {
+    "simulation": {"world": "twin"},
+    "traffic": {name: value for name, (value, _) in TRAFFIC_PRESETS["paper"].settings.items()},
+}
+"""The traffic of Sec. IV-B of the paper, in the twin."""
+VARIANTS: dict[str, Settings] = {
     "paper": {"safety": {"check": "paper"}, "learning": {"replay": "two-buffer"}},
     "permit_all": {"safety": {"check": "permit_all"}},
     "prioritized": {"learning": {"replay": "prioritized"}},
+    "uniform": {"learning": {"replay": "uniform"}},
 }
-"""The settings that each variant changes, by section of the config."""
-LATE_BRAKING: Settings = {"traffic": {"keep_stopping_distance": False}}
-"""The traffic of these trainings, from before SUMO's vehicles kept a stopping distance."""
-SEEDS, EPISODES = 10, 3000
-"""Number of trainings of each variant, and their episodes; those of ``WHOLE`` go on."""
-WHOLE = {"paper": 10, "permit_all": 1, "prioritized": 1}
-"""Number of trainings of each variant that go on to the end of the schedule."""
+CHANGES: dict[str, tuple[Settings, Settings]] = {
+    **{name: (LATE_BRAKING, settings) for name, settings in VARIANTS.items()},
+    **{f"mixed_{name}": (MIXED, settings) for name, settings in VARIANTS.items()},
+}
+"""The settings that each variant changes, by section of the config; "mixed_" stands before those in
+the traffic of the paper."""
+EPISODES = {
+    "paper": 10 * (10_000,),
+    "permit_all": (10_000, *9 * (3000,)),
+    "prioritized": (10_000, *9 * (3000,)),
+}
+"""The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
+number is raised."""
 PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
 PAPER_REWARD = -0.025
 """Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
@@ -48,12 +63,19 @@ LABELS = {
     "paper": "two buffers, safety check",
     "permit_all": "two buffers, no safety check",
     "prioritized": "prioritized replay, safety check",
+    "uniform": "uniform replay, safety check",
 }
-COLORS = {"paper": "#d55e00", "permit_all": "#000000", "prioritized": "#0072b2"}
+COLORS = {
+    "paper": "#d55e00",
+    "permit_all": "#000000",
+    "prioritized": "#0072b2",
+    "uniform": "#009e73",
+}
 PANELS = {
     "mean_reward": "mean reward a decision, greedy",
     "training_reward": "the same while exploring",
     "training_collisions": "collisions an episode while exploring",
+    "collisions": "collisions an episode, greedy",
     "safety_triggers": "safety triggers an episode, greedy",
 }
 
@@ -78,23 +100,23 @@ SUMMARIZED = {
 
 
 def curve_plan(options: Options) -> Plan:
-    """Return a plan to train each variant on each seed for ``EPISODES`` episodes.
+    """Return a plan to train the variants on each of their seeds, for their ``EPISODES``.
 
-    The first seeds of each variant, ``WHOLE``, then go on to the end of the schedule.
+    The trainings of seed 0 come first.
     """
-    base = options.with_files(changed(Config(), LATE_BRAKING))
-    configs = {variant: changed(base, settings) for variant, settings in CHANGES.items()}
-    learning = base.learning
-    every, schedule = learning.evaluate_every, learning.episodes
-    short, whole = [], []
-    for seed, variant in product(range(options.trainings(SEEDS)), CHANGES):
-        config = configs[variant].updated("learning", seed=seed)
-        folder = options.runs / f"{variant}-{seed}"
-        short.append(TrainingJob(variant, config, min(EPISODES, schedule), folder, every))
-        if seed < WHOLE[variant] and schedule > EPISODES:
-            whole.append(TrainingJob(variant, config, schedule, folder, every))
-    configs = {name: config.updated("learning", seed=0) for name, config in configs.items()}
-    return reporting_plan(configs, [short, whole], evaluations_of)
+    configs = {}
+    for variant in EPISODES:
+        traffic, settings = CHANGES[variant]
+        configs[variant] = changed(options.with_files(changed(Config(), traffic)), settings)
+    jobs = []
+    for seed in range(options.trainings(max(map(len, EPISODES.values())))):
+        for variant, episodes in EPISODES.items():
+            for stop in episodes[seed : seed + 1]:
+                config = configs[variant].updated("learning", seed=seed)
+                folder, learning = options.runs / f"{variant}-{seed}", config.learning
+                stop = min(stop, learning.episodes)
+                jobs.append(TrainingJob(variant, config, stop, folder, learning.evaluate_every))
+    return reporting_plan(configs, [jobs], evaluations_of)
 
 
 def reporting_plan(
@@ -290,11 +312,12 @@ def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
 
     A thin line shows each seed whose training is at least as long as the mean's curve.
     """
-    found, color = curve(rows, variant, column), COLORS[variant]
+    kind = variant.removeprefix("mixed_")
+    found, color = curve(rows, variant, column), COLORS[kind]
     seeds = len(found.values)
     means = np.array([mean.value for mean in found.means])
     halves = np.array([mean.half_width for mean in found.means])
-    label = f"{LABELS[variant]} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
+    label = f"{LABELS[kind]} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
     axes.plot(found.episodes, means, color=color, label=label)
     if np.isfinite(halves).all():
         axes.fill_between(

@@ -3,8 +3,8 @@
 import re
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -144,21 +144,11 @@ def train_job(job: TrainingJob) -> None:
         RunError: the folder holds a training with other settings, or another process uses it.
     """
     job.require_same_settings()
-    from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.run import Run, train, warm_start
-    from drl_av.learning.training import build_training
+    from drl_av.learning.run import open_training, train, warm_start
 
-    run = Run(job.folder)
-    with closing(HighwayEnv(config=job.config)) as env, ExitStack() as stack:
-        training = build_training(env)
-        if not job.begun:
-            if job.origin:
-                warm_start(training, job.origin.policy)
-            run.create(training)
-            if job.origin:
-                run.save(training)
-        stack.enter_context(run.locked())
-        run.restore(training)
+    prepare = partial(warm_start, policy_file=job.origin.policy) if job.origin else None
+    opened = open_training(job.folder, job.config, resume=job.begun, prepare=prepare)
+    with opened as (run, training):
         if training.episodes_done >= job.stop:
             return
         begun_s = time.monotonic()

@@ -26,7 +26,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
 from drl_av.learning.run import Run
 from drl_av.learning.training import build_training
-from drl_av.scenarios import description_file
+from drl_av.scenarios import road_types
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from verification.fuzz_driving import positions
 
@@ -88,7 +88,7 @@ def test_a_name_of_two_lines_is_refused_in_one(
 @pytest.mark.parametrize("lanes", ["[" * 9_000, "9" * 9_000], ids=["deep", "long"])
 def test_an_absurd_description_is_refused_in_one_sentence(lanes: str) -> None:
     with pytest.raises(ScenarioError) as error:
-        description_file.from_toml(f"lanes = {lanes}")
+        road_types.from_toml(f"lanes = {lanes}")
     sentence(error.value)
 
 

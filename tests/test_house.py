@@ -89,7 +89,7 @@ def test_the_graph_sees_what_is_there() -> None:
     # were it empty, every fence would stand
     assert "drl_av.simulation.simulation" in graph()["drl_av.env.episode_start"]
     assert "drl_av.safety.paper" in graph()["drl_av.drivers.rule_based"]
-    assert "drl_av.env.highway" in graph()["drl_av.cli.learning"]  # inside a function
+    assert "drl_av.learning.run" in graph()["drl_av.cli.learning"]  # inside a function
     assert "torch" in imported(modules()["drl_av.learning.learner"])
     assert len(modules()) > 35
 

@@ -8,7 +8,7 @@ import pytest
 
 from drl_av.config import Config, load_config
 from drl_av.config.presets import preset
-from drl_av.drivers.background.level_k import LEVEL_1
+from drl_av.drivers.background.level_k import LEVELS
 from drl_av.drivers.masked_policy import load_actor
 from drl_av.drivers.policy_file import (
     PRETRAINED,
@@ -66,9 +66,10 @@ def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind:
 
 
 Q_NETWORKS = {name: folder for name, folder in SHIPPED.items() if name != "pretrained"}
+Q_NETWORKS |= {folder.name: folder for folder in LEVELS.values()}
 
 
-@pytest.mark.parametrize("folder", [*Q_NETWORKS.values(), LEVEL_1], ids=[*Q_NETWORKS, "level_1"])
+@pytest.mark.parametrize("folder", Q_NETWORKS.values(), ids=Q_NETWORKS)
 def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_written_again(
     folder: Path, tmp_path: Path
 ) -> None:

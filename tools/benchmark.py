@@ -8,6 +8,8 @@
                  commands step by step, without observations and decisions
     traffic      the environment in traffic of our own drivers (paper, hazards) beside traffic that
                  SUMO drives (calm)
+    planner      decisions of the planner beside those of pretrained, at 30 vehicles, without the
+                 steps of the environment
     worlds       256 worlds of the twin with 30 vehicles each, on one thread, under each safety
                  check, beside the environment
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
@@ -45,6 +47,7 @@ from benchmark_rows import (
     Row,
     env_rows,
     highway_env_rows,
+    planner_rows,
     processes_rows,
     roads_rows,
     scaling_rows,
@@ -75,6 +78,7 @@ EXTRAS = {"highway_env": "benchmark", "torch": "train", "stable_baselines3": "de
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,
     "traffic": traffic_rows,
+    "planner": planner_rows,
     "worlds": worlds_rows,
     "step": step_rows,
     "train": train_rows,

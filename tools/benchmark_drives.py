@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 from unittest.mock import patch
 
+from drl_av.drivers.driver import Driver
 from drl_av.env.highway import HighwayEnv
 
 COMMANDS = ("setSpeed", "changeSublane", "changeLaneRelative")
@@ -58,6 +59,22 @@ def drive_only(env: HighwayEnv, actions: dict[int, list[int]]) -> float:
             env.step(action)
         driven_s += time.perf_counter() - begun
     return sum(map(len, actions.values())) / driven_s
+
+
+def decide_only(env: HighwayEnv, driver: Driver, seeds: Sequence[int]) -> float:
+    """Drive an episode of each seed; return the driver's decisions per second of its own."""
+    decided_s, decisions = 0.0, 0
+    for seed in seeds:
+        observation, _ = start(env, seed)
+        driver.start(seed)
+        over = False
+        while not over:
+            begun = time.perf_counter()
+            action = driver.act(env.scene, observation)
+            decided_s += time.perf_counter() - begun
+            observation, _, terminated, truncated, _ = env.step(action.number)
+            decisions, over = decisions + 1, terminated or truncated
+    return decisions / decided_s
 
 
 def mean_vehicles(env: HighwayEnv, actions: dict[int, list[int]]) -> float:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 from benchmark_drives import (
+    decide_only,
     drive,
     drive_only,
     mean_vehicles,
@@ -32,7 +33,7 @@ from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
-from drl_av.drivers.registry import load_driver, rule_driver
+from drl_av.drivers.registry import find_drivers, load_driver, make_drivers, rule_driver
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
@@ -99,6 +100,19 @@ def traffic_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         actions = recorded_actions(env, IdmDriver(config.safety), seeds)
         rates[name] = partial(drive_only, env, actions)
     return [Row(f"traffic {name} | calm", rates[name], rates["calm"], 0.8) for name in rates][1:]
+
+
+def planner_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return rows of the planner's decisions per second beside those of its base policy."""
+    rows = []
+    for name in ("calm", "paper"):
+        number = {"vehicles_min": VEHICLES, "vehicles_max": VEHICLES}
+        config = as_config({"traffic": {"kind": name, **number}, "safety": {"check": "strict"}})
+        env = stack.enter_context(closing(made(config)))
+        drivers = make_drivers(find_drivers(["planner", "pretrained"]), config).values()
+        ours, beside = (partial(decide_only, env, driver, seeds[:1]) for driver in drivers)
+        rows.append(Row(f"planner {name} | pretrained", ours, beside, least_ours=50.0))
+    return rows
 
 
 def env_and_bare(

@@ -23,8 +23,14 @@ from drl_av.road.road_numbers import road_numbers
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.road.sweep import KINDS, swept_collision
 from drl_av.safety.check import SafetyCheck
-from drl_av.safety.reachability import STILL_M_S, StrictNumbers, lanes_under, lateral_extent
-from drl_av.safety.stopping import cut_in_gap, stopping_distance
+from drl_av.safety.reachability import (
+    STILL_M_S,
+    StrictNumbers,
+    cut_in_gap,
+    lanes_under,
+    lateral_extent,
+    stopping_distance,
+)
 from verification.ego_in_scenes import judge, plan_all
 from verification.euler import Integration
 from verification.separation import barrier_separation, swept_separation

@@ -13,8 +13,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.road.road import ARRIVED_M, FloatArray, Road
 from drl_av.road.snapshot import EGO, Snapshot
-from drl_av.safety.reachability import STILL_M_S, lanes_under
-from drl_av.safety.stopping import cut_in_gap, stopping_distance
+from drl_av.safety.reachability import STILL_M_S, cut_in_gap, lanes_under, stopping_distance
 
 ARRAYS = Snapshot._fields[2:8]
 """The names of a snapshot's arrays."""

@@ -3,12 +3,12 @@
     python -m verification.background_traffic --episodes 500
     python -m verification.background_traffic --vehicles 30 --mix calm paper --ego idm-mobil sumo
 
-A mix is a kind of traffic, or the shares of the drivers finite-state, level 0 and level 1 (the rest
-is SUMO's IDM). The program prints one line for each driver of the ego and each mix. The line gives
-episodes, decisions of vehicles, vehicles in a collision according to SUMO, pairs of vehicles whose
-bodies overlap when they are swept through each SUMO step, mean speed, and lane changes per vehicle
-and minute. Collisions of the ego do not count. Then it prints a line for each kind of overlap, with
-the first episode in which this kind was found.
+A mix is a kind of traffic, or the shares of the drivers finite-state, level 0, level 1 and level 2
+(the rest is SUMO's IDM). The program prints one line for each driver of the ego and each mix. The
+line gives episodes, decisions of vehicles, vehicles in a collision according to SUMO, pairs of
+vehicles whose bodies overlap when they are swept through each SUMO step, mean speed, and lane
+changes per vehicle and minute. Collisions of the ego do not count. Then it prints a line for each
+kind of overlap, with the first episode in which this kind was found.
 """
 
 from collections import Counter
@@ -30,14 +30,15 @@ from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 
 MIXES = (
-    "0,0,0",
-    "1,0,0",
-    "0,1,0",
-    "0,0.5,0",
-    "0,0,1",
-    "0.3,0.3,0.4",
-    "0.4,0.3,0.3",
-    "0.25,0.25,0.25",
+    "0,0,0,0",
+    "1,0,0,0",
+    "0,1,0,0",
+    "0,0.5,0,0",
+    "0,0,1,0",
+    "0.3,0.3,0.4,0",
+    "0.4,0.3,0.3,0",
+    "0,0,0,1",
+    "0.25,0.25,0.25,0",
 )
 SEEDS = 810_000
 
@@ -108,7 +109,7 @@ def check(config: Config, ego: str, episodes: int, vehicles: Sequence[int]) -> S
 
 
 def with_mix(mix: str) -> Config:
-    """Return the default config with a mix: a kind of traffic, or shares as ``FSM,L0,L1``.
+    """Return the default config with a mix: a kind of traffic, or shares as ``FSM,L0,L1,L2``.
 
     Raises:
         ConfigError: ``mix`` is neither, or the shares are above 1 in total.
@@ -116,17 +117,18 @@ def with_mix(mix: str) -> Config:
     if mix in TRAFFIC_PRESETS:
         return Config().with_traffic(mix)
     try:
-        finite_state, level_0, level_1 = map(float, mix.split(","))
+        finite_state, level_0, level_1, level_2 = map(float, mix.split(","))
     except ValueError:
         raise ConfigError(
-            f"The mix is {mix!r}, but must be one of {', '.join(TRAFFIC_PRESETS)}, or three shares "
-            "as in 0.2,0.4,0.4: finite-state, level 0 and level 1."
+            f"The mix is {mix!r}, but must be one of {', '.join(TRAFFIC_PRESETS)}, or four shares "
+            "as in 0.2,0.3,0.3,0.2: finite-state, level 0, level 1 and level 2."
         ) from None
     return Config().updated(
         "traffic",
         finite_state_share=finite_state,
         level_0_share=level_0,
         level_1_share=level_1,
+        level_2_share=level_2,
     )
 
 
@@ -144,7 +146,7 @@ def main() -> None:
     )
     kinds = ", ".join(TRAFFIC_PRESETS)
     parser.add_argument(
-        "--mix", nargs="+", default=MIXES, metavar="MIX", help=f"shares FSM,L0,L1, or: {kinds}"
+        "--mix", nargs="+", default=MIXES, metavar="MIX", help=f"shares FSM,L0,L1,L2, or: {kinds}"
     )
     parser.add_argument(
         "--ego",

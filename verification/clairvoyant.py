@@ -33,7 +33,7 @@ from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.evaluation.processes import workers
+from drl_av.evaluation.engines import workers
 from drl_av.evaluation.statistics import Speed, paired
 from drl_av.safety import CHECKS
 from drl_av.twin.worlds import COUNT
@@ -182,7 +182,7 @@ def actions(
 
 def policy(name: str, config: Config) -> Policy:
     """Return a driver by name as a policy; one trained at scale decides in all worlds at once."""
-    from drl_av.learning.twin_worlds import look_wide  # compiled functions do not go to processes
+    from drl_av.env.wide_view import look_wide  # compiled functions do not go to processes
 
     [spec] = find_drivers([name])
     if spec.actor is not None:

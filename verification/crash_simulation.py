@@ -15,7 +15,7 @@ from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import ConfigError
-from drl_av.evaluation.processes import workers
+from drl_av.evaluation.engines import workers
 from drl_av.road.road import FloatArray
 from verification.adversary import ROAD, BatchCheck, IntArray, World
 from verification.falsify import check_of, safety_check

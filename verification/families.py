@@ -7,7 +7,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.road.road import FloatArray, Road
-from drl_av.safety.stopping import reach, stopping_distance
+from drl_av.safety.reachability import reach, stopping_distance
 from verification.adversary import LENGTH_M, NONE, ROAD, BoolArray, IntArray, World
 
 PLACED = 6

@@ -25,6 +25,7 @@ from heapq import heappop, heappush
 from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.sax import SAXParseException
 
 import numpy as np
 
@@ -62,6 +63,16 @@ class Way(NamedTuple):
 
     length_m: float
     edges: tuple[str, ...]
+
+
+def network(net: Path) -> Any:
+    """Read a network by sumolib; raise ConfigError if the file is none."""
+    try:
+        return sumo_module("sumolib.net").readNet(str(net))
+    except SAXParseException as error:
+        raise ConfigError(
+            f"{net} is no SUMO network ({error.getMessage()}): take it out of the folder."
+        ) from error
 
 
 def fast_edges(net: Any) -> tuple[dict[str, float], dict[str, list[str]]]:
@@ -221,7 +232,7 @@ def results_of(folder: Path, episodes: int) -> Iterator[Result]:
     """Yield what becomes of each route of the networks in a folder."""
     known = set[frozenset[tuple[str, float]]]()
     for net in sorted(folder.rglob("*.net.xml")):
-        lengths_m, links = fast_edges(sumo_module("sumolib.net").readNet(str(net)))
+        lengths_m, links = fast_edges(network(net))
         if (edges := frozenset(lengths_m.items())) in known:
             continue
         known.add(edges)

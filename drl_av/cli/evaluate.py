@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from drl_av.cli.options import (
     add_env_options,
+    add_flag,
+    add_number,
     add_observation,
+    add_path,
     custom_parts,
     driver_words,
-    int_at_least,
     int_list,
     with_command_line,
 )
@@ -68,59 +70,38 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))}; "
         "the scenario's number on an open road, or where it places the vehicles)",
     )
-    parser.add_argument(
-        "--episodes",
-        type=int_at_least(1),
-        default=50,
-        metavar="N",
-        help="episodes per number of vehicles",
-    )
-    parser.add_argument(
-        "--seed",
-        type=int_at_least(0),
-        default=0,
-        metavar="S",
-        help="traffic seed of the first episode, below 1000000",
-    )
-    parser.add_argument(
-        "--jobs", type=int_at_least(1), default=1, metavar="N", help="number of processes"
-    )
+    add_number(parser, "--episodes", 1, "episodes per number of vehicles", 50)
+    first = "traffic seed of the first episode, below 1000000"
+    add_number(parser, "--seed", 0, first, 0, shown="S")
+    add_number(parser, "--jobs", 1, "number of processes", 1)
     parser.add_argument(
         "--engine",
         choices=(LOKY, RAY),
         default=LOKY,
         help="loky: this machine; ray: the cluster at RAY_ADDRESS, or this machine",
     )
-    parser.add_argument(
+    add_path(
+        parser,
         "--out",
-        type=Path,
-        metavar="FILE.csv",
-        help="write a table with one row for each episode, and FILE.provenance.json beside it; "
+        "FILE.csv",
+        "write a table with one row for each episode, and FILE.provenance.json beside it; "
         "episodes that it has already are not driven again",
     )
-    parser.add_argument(
-        "--criticality",
-        action="store_true",
-        help="also measure comfort and criticality; adds columns to --out",
-    )
-    parser.add_argument(
-        "--require-pass",
-        action="store_true",
-        help="end with status 1 unless each driver passes beside the rule-based ones; see below",
-    )
+    measures = "also measure comfort and criticality; adds columns to --out"
+    add_flag(parser, "--criticality", measures)
+    passes = "end with status 1 unless each driver passes beside the rule-based ones; see below"
+    add_flag(parser, "--require-pass", passes)
     kept = parser.add_mutually_exclusive_group()
-    kept.add_argument(
-        "--record", type=Path, metavar="DIR", help="keep each episode that is driven as a recording"
-    )
-    kept.add_argument(
+    add_path(kept, "--record", "DIR", "keep each episode that is driven as a recording")
+    add_path(
+        kept,
         "--record-failures",
-        type=Path,
-        metavar="DIR",
-        help=f"keep the episodes with a collision or a time to collision of {NEAR_MISS_TTC_S:g} s "
+        "DIR",
+        f"keep the episodes with a collision or a time to collision of {NEAR_MISS_TTC_S:g} s "
         f"or less, with --criticality also those with a DRAC of {NEAR_MISS_DRAC_M_S2:g} m/s^2 or "
         "more",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE.json", help="write the summary")
+    add_path(parser, "--json", "FILE.json", "write the summary")
     add_env_options(parser, "the first RUN's")
     add_observation(parser)
 

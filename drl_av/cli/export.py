@@ -28,7 +28,7 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.drivers.masked_policy import is_actor, load_actor
     from drl_av.drivers.onnx import INPUTS, OUTPUTS
     from drl_av.drivers.onnx import export as write
-    from drl_av.drivers.onnx_actor import export_actor
+    from drl_av.drivers.onnx_graph import export_actor
     from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run
     from drl_av.drivers.registry import RULE_DRIVERS
     from drl_av.driving.observation_scale import ObservationScale

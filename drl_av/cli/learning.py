@@ -3,11 +3,16 @@
 import argparse
 import shlex
 import sys
-from contextlib import closing
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.cli.options import add_env_options, custom_parts, int_at_least, with_command_line
+from drl_av.cli.options import (
+    add_env_options,
+    add_flag,
+    add_number,
+    add_path,
+    custom_parts,
+    with_command_line,
+)
 from drl_av.cli.seeds import SeedJob, seed_list, train_seeds
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
@@ -22,44 +27,28 @@ if TYPE_CHECKING:
 
 def add_train_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av train`` to its parser."""
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="RUN", help="the run's folder; must be new"
-    )
+    add_path(parser, "--out", "RUN", "the run's folder; must be new", needed=True)
     parser.add_argument(
         "--preset", metavar="NAME", help=f"one of: {', '.join(PRESETS)} (default: paper)"
     )
     numbers = ", ".join(f"{name} {found.learning.episodes}" for name, found in PRESETS.items())
-    parser.add_argument(
-        "--episodes",
-        type=int_at_least(1),
-        metavar="N",
-        help=f"episodes of at most 200 s (default: the preset's, {numbers})",
-    )
+    episodes = f"episodes of at most 200 s (default: the preset's, {numbers})"
+    add_number(parser, "--episodes", 1, episodes)
     seeds = parser.add_mutually_exclusive_group()
-    seeds.add_argument(
-        "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the preset's)"
-    )
+    add_number(seeds, "--seed", 0, "random seed (default: the preset's)", shown="S")
     seeds.add_argument(
         "--seeds",
         type=seed_list,
         metavar="S",
         help="several seeds, such as 1-5 or 1,3,7: a run for each, RUN/seed-1 and so on",
     )
-    parser.add_argument(
-        "--jobs",
-        type=int_at_least(1),
-        default=1,
-        metavar="N",
-        help="number of processes that share the runs of --seeds",
-    )
+    add_number(parser, "--jobs", 1, "number of processes that share the runs of --seeds", 1)
     parser.add_argument(
         "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
     )
     add_env_options(parser, "the preset's", zips=False)
-    parser.add_argument("--resume", action="store_true", help="continue a run that was stopped")
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="also write TensorBoard events into the folder"
-    )
+    add_flag(parser, "--resume", "continue a run that was stopped")
+    add_flag(parser, "--tensorboard", "also write TensorBoard events into the folder")
 
 
 def add_adapt_options(parser: argparse.ArgumentParser) -> None:
@@ -70,38 +59,23 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help="folder of the run to start from (default: pretrained-paper)",
     )
-    parser.add_argument(
-        "--out", type=Path, required=True, metavar="RUN2", help="the new run's folder; must be new"
-    )
-    parser.add_argument(
-        "--episodes",
-        type=int_at_least(1),
-        metavar="N",
-        help="episodes of at most 200 s (default: 30000)",
-    )
+    add_path(parser, "--out", "RUN2", "the new run's folder; must be new", needed=True)
+    add_number(parser, "--episodes", 1, "episodes of at most 200 s (default: 30000)")
     parser.add_argument(
         "--learning-rate",
         type=float,
         metavar="X",
-        help="step size of Adam; 0 drives the same traffic without learning (default: 1e-05)",
+        help="step size of Adam; 0 drives without learning (default: 1e-05)",
     )
-    parser.add_argument(
-        "--seed", type=int_at_least(0), metavar="S", help="random seed (default: the RUN's)"
-    )
+    add_number(parser, "--seed", 0, "random seed (default: the RUN's)", shown="S")
     add_env_options(parser, "the RUN's", zips=False)
-    parser.add_argument(
-        "--resume", action="store_true", help="continue RUN2 where it was stopped, without RUN"
-    )
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="also write TensorBoard events into RUN2"
-    )
+    add_flag(parser, "--resume", "continue RUN2 where it was stopped, without RUN")
+    add_flag(parser, "--tensorboard", "also write TensorBoard events into RUN2")
 
 
 def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
-    from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.run import Run, require_tensorboard
-    from drl_av.learning.training import build_training
+    from drl_av.learning.run import Run, open_training, require_tensorboard
 
     if options.tensorboard:
         require_tensorboard()
@@ -112,15 +86,12 @@ def train(options: argparse.Namespace) -> int:
         return train_seeds(jobs, options.jobs, shlex.join(again))
     if options.jobs > 1:
         raise ConfigError(f"--jobs {options.jobs} needs --seeds: one training uses one process.")
-    run = Run(options.out)
-    config = _training_config(options, run)
+    config = _training_config(options, Run(options.out))
     if config.learning.algorithm == "ppo":
         return _train_at_scale(options, config)
-    with closing(HighwayEnv(config=config, **custom_parts(options)._asdict())) as env:
-        training = build_training(env)
-        if not options.resume:
-            run.create(training)
-        return _run("train", run, training, options.tensorboard, "idm")
+    custom = custom_parts(options)
+    with open_training(options.out, config, custom, resume=options.resume) as opened:
+        return _run("train", *opened, options.tensorboard, "idm")
 
 
 def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
@@ -198,9 +169,7 @@ def adapt(options: argparse.Namespace) -> int:
     """
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
-    from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.run import Run, require_tensorboard, warm_start
-    from drl_av.learning.training import build_training
+    from drl_av.learning.run import Run, open_training, require_tensorboard, warm_start
 
     if options.tensorboard:
         require_tensorboard()
@@ -209,7 +178,7 @@ def adapt(options: argparse.Namespace) -> int:
             f"--resume continues {options.out} with the driver that it began with: leave "
             f"{options.run} out."
         )
-    run, word = Run(options.out), "pretrained-paper" if options.run is None else options.run
+    word = "pretrained-paper" if options.run is None else options.run
     [spec] = find_drivers([word])
     if spec.run is None:
         raise ConfigError(
@@ -217,21 +186,19 @@ def adapt(options: argparse.Namespace) -> int:
             "or leave it out for the driver that ships with drl-av."
         )
     policy = find_policy(spec.run)
-    config = _adaptation_config(options, run, spec)
-    with closing(HighwayEnv(config=config, **custom_parts(options)._asdict())) as env:
-        training = build_training(env)
-        if not options.resume:
-            experienced = warm_start(training, policy)
-            run.create(training)
-            run.save(training)
-            if not experienced and config.learning.learning_rate > 0:
-                print(
-                    f"drl-av: {word} comes without the experience of its training: it learns "
-                    f"from {config.learning.collisions_to_start} collision rows on.",
-                    file=sys.stderr,
-                )
-        rival = "idm" if options.resume else word
-        return _run("adapt", run, training, options.tensorboard, rival)
+    config = _adaptation_config(options, Run(options.out), spec)
+
+    def prepare(training: "Training") -> None:
+        if not warm_start(training, policy) and config.learning.learning_rate > 0:
+            print(
+                f"drl-av: {word} comes without the experience of its training: it learns "
+                f"from {config.learning.collisions_to_start} collision rows on.",
+                file=sys.stderr,
+            )
+
+    custom, resume = custom_parts(options), options.resume
+    with open_training(options.out, config, custom, resume=resume, prepare=prepare) as opened:
+        return _run("adapt", *opened, options.tensorboard, "idm" if resume else word)
 
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
@@ -281,22 +248,18 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
 def _run(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
     """Train to the end or a stop, and print what to do next; return the exit status."""
     again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
-    with run.locked():
-        run.restore(training)
-        try:
-            finished = _watch(verb, run, training, tensorboard)
-        except KeyboardInterrupt:
-            finished = False
-        except SimulationError as error:
-            raise SimulationError(
-                f"{str(error).removesuffix('.')}; the run continues from its last checkpoint "
-                f"with: {again}."
-            ) from error
+    try:
+        finished = _watch(verb, run, training, tensorboard)
+    except KeyboardInterrupt:
+        finished = False
+    except SimulationError as error:
+        raise SimulationError(
+            f"{str(error).removesuffix('.')}; the run continues from its last checkpoint "
+            f"with: {again}."
+        ) from error
     if not finished:
         print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
         return INTERRUPTED
-    if not run.policy_file.exists():
-        run.save(training)
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {pluralize(episodes, 'episode')}; compare it with the driver {rival}:")
     print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))

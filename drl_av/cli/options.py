@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
@@ -53,6 +54,27 @@ def int_list(low: int) -> Callable[[str], list[int]]:
 
     parse.__name__ = "whole number"
     return parse
+
+
+Options = argparse.ArgumentParser | argparse._MutuallyExclusiveGroup
+"""What options are added to: the parser of a verb, or a group of it."""
+
+
+def add_number(
+    parser: Options, name: str, low: int, meaning: str, default: int | None = None, shown: str = "N"
+) -> None:
+    """Add an option for a whole number of at least ``low``, which the help shows as ``shown``."""
+    parser.add_argument(name, type=int_at_least(low), default=default, metavar=shown, help=meaning)
+
+
+def add_path(parser: Options, name: str, shown: str, meaning: str, needed: bool = False) -> None:
+    """Add an option for a path, which the help shows as ``shown``."""
+    parser.add_argument(name, type=Path, metavar=shown, help=meaning, required=needed)
+
+
+def add_flag(parser: Options, name: str, meaning: str) -> None:
+    """Add an option that is either given or not."""
+    parser.add_argument(name, action="store_true", help=meaning)
 
 
 def driver_words() -> str:

@@ -43,24 +43,29 @@ class SeedJob(NamedTuple):
     tensorboard: bool
 
     @property
+    def is_at_scale(self) -> bool:
+        """Whether it is PPO at scale, not Algorithm 1."""
+        return self.config.learning.algorithm == "ppo"
+
+    @property
     def total(self) -> int:
         """Number of rows in the table of the complete training."""
-        if self.config.learning.algorithm == "ppo":
+        if self.is_at_scale:
             return self.config.ppo.decisions // self.config.ppo.batch_size
         return self.config.learning.episodes
 
     @property
     def done(self) -> int:
         """Number of rows, of an episode or an update, that the training has written."""
-        ppo = self.config.learning.algorithm == "ppo"
-        table = self.folder / ("updates.csv" if ppo else "episodes.csv")
+        table = self.folder / ("updates.csv" if self.is_at_scale else "episodes.csv")
         return max(table.read_bytes().count(b"\n") - 1, 0) if table.is_file() else 0
 
     @property
     def is_stopped(self) -> bool:
         """Whether it is a training at scale that was stopped: only Algorithm 1 can continue."""
-        at_scale = self.config.learning.algorithm == "ppo"
-        return at_scale and (self.folder / "config.toml").exists() and self.done < self.total
+        return (
+            self.is_at_scale and (self.folder / "config.toml").exists() and self.done < self.total
+        )
 
 
 def train_seed(job: SeedJob) -> None:
@@ -69,30 +74,11 @@ def train_seed(job: SeedJob) -> None:
     Raises:
         RunError: the folder is not new and not a run, or another process trains in it.
     """
-    if job.config.learning.algorithm == "ppo":
-        from drl_av.learning.large_scale import train_at_scale
+    from drl_av.learning.train import train_to_end
 
-        if job.done < job.total:
-            for _ in train_at_scale(job.folder, job.config):
-                pass
-        return
-    from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.run import Run, tensorboard_writer, train
-    from drl_av.learning.training import build_training
-
-    run = Run(job.folder)
-    with closing(HighwayEnv(config=job.config, **job.custom._asdict())) as env:
-        training = build_training(env)
-        if not run.config_file.exists():
-            run.create(training)
-        with run.locked():
-            run.restore(training)
-            events = run.folder / "tensorboard" if job.tensorboard else None
-            with tensorboard_writer(events, training.episodes_done) as write:
-                for progress in train(run, training):
-                    write(progress)
-            if not run.policy_file.exists():
-                run.save(training)
+    begun = (job.folder / "config.toml").exists()
+    if not (begun and job.is_at_scale):
+        train_to_end(job.folder, job.config, job.custom, resume=begun, tensorboard=job.tensorboard)
 
 
 def train_seeds(jobs: Sequence[SeedJob], processes: int, again: str) -> int:

@@ -17,10 +17,8 @@ from typing import Any
 import tomli_w
 
 from drl_av.config.drivers import FiniteStateConfig, Level0Config, MobilConfig
-from drl_av.config.ego import EgoConfig, ObservationConfig
-from drl_av.config.learning import REPLAYS, LearningConfig
-from drl_av.config.ppo import PpoConfig
-from drl_av.config.reward import DESIRED_VALUES, RewardConfig
+from drl_av.config.ego import DESIRED_VALUES, EgoConfig, ObservationConfig, RewardConfig
+from drl_av.config.learning import REPLAYS, LearningConfig, PpoConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
 from drl_av.config.schema import did_you_mean
 from drl_av.config.simulation import SimulationConfig

@@ -1,4 +1,4 @@
-"""Settings of the ego: its limits, its actions and its observation."""
+"""Settings of the ego: its limits and actions, its observation, and the reward."""
 
 from dataclasses import dataclass
 
@@ -32,8 +32,6 @@ class EgoConfig(Section):
         (ours)
     acc_gap_gain_per_s: longitudinal_reference acc: lambda, gain on the gap error (ours)
     acc_speed_gain_per_s: longitudinal_reference acc: gain on the speed error (ours)
-    overtake_right: whether the ego's rule-based drivers may pass another vehicle on the right above
-        60 km/h (ours)
     """
 
     max_speed_m_s: float = setting(30.0, low=1, high=60)
@@ -50,7 +48,6 @@ class EgoConfig(Section):
     reference_standstill_gap_m: float = setting(STANDSTILL_GAP_M, low=0, high=20)
     acc_gap_gain_per_s: float = setting(0.4, low=0.01, high=10)
     acc_speed_gain_per_s: float = setting(0.4, low=0.01, high=10)
-    overtake_right: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,3 +88,35 @@ class ObservationConfig(Section):
     lateral_scale_m: float = setting(3.8, low=0.1, high=50)
     lateral_speed_scale_m_s: float = setting(0.76, low=0.01, high=10)
     way: bool = False
+
+
+DESIRED_VALUES = ("traffic", "best-lane", "fixed")
+
+
+@dataclass(frozen=True)
+class RewardConfig(Section):
+    """The reward (eq. 7 to 9 of the paper), and the choice of the desired speed and lane.
+
+    desired: v_des and y_des: computed from the traffic, v_des for the ego's lane (traffic) or for
+        the best lane nearby (best-lane), or constant (fixed) (Sec. IV-C)
+    desired_speed_m_s: v_des on a free road, and if desired is fixed (Sec. IV-C)
+    desired_lateral_m: y_des if desired is fixed; 0 is the centre of the rightmost lane, left is
+        positive (Sec. IV-C)
+    collision_reward: r_col, reward of a decision with a collision (ours)
+    safe_headway_s: time gap of d_safe, the safe gap of eq. 9 (Sec. IV-C)
+    catch_up_time_s: time in which the ego reduces a larger gap to d_safe if it drives at v_des
+        (ours)
+    worthwhile_gain_m_s: y_des is the centre of another lane if that allows a speed higher by more
+        than this (ours)
+    speed_tolerance_m_s: largest deviation from v_des behind another vehicle that costs no reward;
+        the default is half of the speed change of one decision (ours)
+    """
+
+    desired: str = setting("traffic", choices=DESIRED_VALUES)
+    desired_speed_m_s: float = setting(30.0, low=1, high=60)
+    desired_lateral_m: float = setting(3.8, low=0, high=50)
+    collision_reward: float = setting(-3.0, low=-1000, high=0)
+    safe_headway_s: float = setting(1.3, low=0.1, high=10)
+    catch_up_time_s: float = setting(8.0, low=1, high=60)
+    worthwhile_gain_m_s: float = setting(3.0, low=0, high=30)
+    speed_tolerance_m_s: float = setting(1.0, low=0, high=10)

@@ -1,4 +1,4 @@
-"""Settings of the training."""
+"""Settings of the trainings: Algorithm 1 of the paper, and PPO at scale in the twin."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,6 @@ class LearningConfig(Section):
         (Sec. IV-C)
     networks: number of Q-networks; each learns from its own minibatches; the driver uses their mean
         (ours)
-    round_robin: whether each gradient step trains only one of the networks, in turn (ours)
     replay: kind of experience replay (Alg. 1)
     batch_size: transitions in a minibatch (ours)
     collision_fraction: share of a minibatch from the collision buffer (ours)
@@ -41,8 +40,6 @@ class LearningConfig(Section):
     target_update_episodes: N_C, episodes between two updates of the target network (ours)
     gradient_steps: gradient steps per decision (Alg. 1)
     collisions_to_start: number of transitions that Buf_C must hold before learning starts (ours)
-    traffic_by_episode: whether the traffic of an episode depends on the seed and the episode number
-        only (ours)
     mirrored: whether left and right are exchanged in half of each minibatch, and the driver uses
         the mean Q-value of the scene and its mirror image (ours)
     counterfactuals: number of actions not taken, per decision, whose computed outcomes are stored
@@ -74,7 +71,6 @@ class LearningConfig(Section):
     epsilon_end: float = setting(0.2, low=0, high=1)
     epsilon_fraction: float = setting(0.7, low=0.001, high=1)
     networks: int = setting(1, low=1, high=100)
-    round_robin: bool = False
     replay: str = setting("two-buffer", choices=REPLAYS)
     batch_size: int = setting(64, low=2, high=100_000)
     collision_fraction: float = setting(0.25, low=0, high=1)
@@ -86,7 +82,6 @@ class LearningConfig(Section):
     target_update_episodes: int = setting(5, low=1, high=10_000)
     gradient_steps: int = setting(1, low=0, high=100)
     collisions_to_start: int = setting(0, low=0)
-    traffic_by_episode: bool = False
     mirrored: bool = False
     counterfactuals: int = setting(0, low=0, high=12)
     speed_weight: float = setting(0.0, low=0, high=10)
@@ -105,3 +100,45 @@ class LearningConfig(Section):
                 "learning.unsafe_penalty makes unsafe proposals not terminal: set one to 0, or "
                 'learning.replay to "two-buffer".'
             )
+
+
+@dataclass(frozen=True)
+class PpoConfig(Section):
+    """Proximal policy optimization (PPO) with masked actions; the reward is the ego's speed.
+
+    decisions: decisions of the training, in all worlds together (ours)
+    worlds: number of worlds that are driven at once (ours)
+    batch_size: decisions in an update (ours)
+    minibatch_size: decisions in a gradient step (ours)
+    epochs: passes over the decisions of an update (ours)
+    hidden_1: units of the first hidden layer (ours)
+    hidden_2: units of the second hidden layer (ours)
+    learning_rate: first step size of Adam; it falls linearly to 0 (ours)
+    discount: discount of a reward a second later (ours)
+    gae_lambda: trace decay of the advantages (PPO)
+    entropy: weight of the entropy (ours)
+    abort_cost: cost of an aborted lane change, where 10 m/s more for a second earn 1 (ours)
+    reversal_cost: cost of braking after accelerating, or the reverse (ours)
+    hard_brake_cost: cost of a decision to brake hard (ours)
+    short_headway_cost: cost of a decision that ends with a headway below 1 s (ours)
+    forced_brake_cost: cost of a decision in which a lane change makes the rear vehicle brake (ours)
+    collision_cost: cost of a collision (ours)
+    """
+
+    decisions: int = setting(20_000_000, low=1, high=10**10)
+    worlds: int = setting(256, low=1, high=10**5)
+    batch_size: int = setting(16_384, low=1, high=10**7)
+    minibatch_size: int = setting(1_024, low=1, high=10**7)
+    epochs: int = setting(3, low=1, high=100)
+    hidden_1: int = setting(192, low=1, high=10_000)
+    hidden_2: int = setting(128, low=1, high=10_000)
+    learning_rate: float = setting(5e-4, low=0, high=1)
+    discount: float = setting(0.99, low=0, high=1)
+    gae_lambda: float = setting(0.95, low=0, high=1)
+    entropy: float = setting(0.002, low=0, high=10)
+    abort_cost: float = setting(0.3, low=0, high=100)
+    reversal_cost: float = setting(0.05, low=0, high=100)
+    hard_brake_cost: float = setting(0.1, low=0, high=100)
+    short_headway_cost: float = setting(0.1, low=0, high=100)
+    forced_brake_cost: float = setting(0.5, low=0, high=100)
+    collision_cost: float = setting(5.0, low=0, high=1000)

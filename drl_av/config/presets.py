@@ -122,12 +122,11 @@ def adaptation(config: Config) -> Config:
     Sec. IV-D of the paper prescribes greedy actions, 30,000 episodes and a lower learning rate,
     here 1e-5. The rest is ours:
 
-    - After each decision there is one gradient step. The networks take turns.
+    - After each decision there is one gradient step.
     - A minibatch has as many transitions as in the preset ``paper``.
     - Learning starts after 64 collision transitions, because a minibatch would otherwise contain
       the same few several times. It starts at once if the replay buffer cannot count them.
     - ``counterfactuals`` is 0, and the importance exponent of prioritized replay is always 1.
-    - The traffic of an episode depends on the seed and the episode number only.
     - The adapted driver keeps its margins, such as ``lane_change_margin``, but the episodes of the
       training do not apply them.
     """
@@ -142,11 +141,9 @@ def adaptation(config: Config) -> Config:
         learning_rate_end_fraction=1.0,
         gradient_steps=1,
         batch_size=PRESETS["paper"].learning.batch_size,
-        round_robin=True,
         importance_exponent_start=1.0,
         counterfactuals=0,
         collisions_to_start=64 if counted else 0,
-        traffic_by_episode=True,
         evaluate_every=1_000,
         checkpoint_every=200,
     )

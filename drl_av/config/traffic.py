@@ -9,9 +9,6 @@ from drl_av.errors import ConfigError
 
 STANDSTILL_GAP_M = 2.5
 """Gap to the vehicle ahead at standstill: SUMO's minGap, and the default of each driver model."""
-CONGESTED_M_S = 60 / 3.6
-"""Speed, m/s, up to which a vehicle may always be passed on the right, as in SUMO (60 km/h)."""
-
 
 BESIDE_PRESETS = "vehicles_min", "vehicles_max", "keep_stopping_distance"
 """The settings that may be set beside ``presets``."""
@@ -40,6 +37,7 @@ class TrafficConfig(Section):
     finite_state_share: chance that a finite-state machine drives a vehicle (Sec. IV-B)
     level_0_share: chance that a vehicle is a level-0 driver (Sec. IV-B)
     level_1_share: chance that a vehicle is a level-1 driver (Sec. IV-B)
+    level_2_share: chance that a vehicle is a level-2 driver (Sec. IV-B)
     keep_stopping_distance: whether vehicles that SUMO drives stay slow enough to stop behind the
         one ahead, which IDM alone does not ensure; beside finite-state and level-k drivers they do
         so in any case (ours)
@@ -79,6 +77,7 @@ class TrafficConfig(Section):
     finite_state_share: float = setting(0.0, low=0, high=1)
     level_0_share: float = setting(0.0, low=0, high=1)
     level_1_share: float = setting(0.0, low=0, high=1)
+    level_2_share: float = setting(0.0, low=0, high=1)
     keep_stopping_distance: bool = True
     overtake_right: bool = False
     standing_share: float = setting(0.0, low=0, high=1)
@@ -115,7 +114,8 @@ class TrafficConfig(Section):
         if sum(self.shares) > 1 + 1e-9:
             raise ConfigError(
                 "traffic: finite_state_share + level_0_share + level_1_share + hard_braking_share "
-                f"is {sum(self.shares):g}, but must be at most 1; the rest is SUMO's IDM."
+                f"+ level_2_share is {sum(self.shares):g}, but must be at most 1; the rest is "
+                "SUMO's IDM."
             )
         if sum(self.unusual_shares) > 1 + 1e-9:
             raise ConfigError(
@@ -131,10 +131,10 @@ class TrafficConfig(Section):
     def shares(self) -> tuple[float, ...]:
         """The shares (0 to 1) of the vehicles that our driver models drive; SUMO drives the rest.
 
-        In this order: finite-state, level-0, level-1 and hard-braking vehicles.
+        In this order: finite-state, level-0, level-1, hard-braking and level-2 vehicles.
         """
         levels = self.level_0_share, self.level_1_share
-        return self.finite_state_share, *levels, self.hard_braking_share
+        return self.finite_state_share, *levels, self.hard_braking_share, self.level_2_share
 
     @property
     def unusual_shares(self) -> tuple[float, float, float]:

@@ -46,6 +46,10 @@ class MaskedPolicyDriver(Driver):
 
         ``observation`` is not used.
         """
+        return ACTIONS[self.logits(scene).argmax()]
+
+    def logits(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the logits of the 12 actions, -inf for those that the check does not permit."""
         permitted = action_mask(self._check, scene)
         wide = observe_wide(
             scene.snapshot, self._road, self._range_m, self._max_speed_m_s, scene.lanes
@@ -53,12 +57,12 @@ class MaskedPolicyDriver(Driver):
         logits = forward(self._layers, np.concatenate((wide, permitted), dtype=np.float32))[1]
         if permitted.any():
             logits[permitted == 0] = -np.inf
-        return ACTIONS[logits.argmax()]
+        return logits
 
 
 def actor_driver(
     name: str, actor: tuple[Layers, Config], config: Config, check: SafetyCheck
-) -> Driver:
+) -> MaskedPolicyDriver:
     """Return the driver of a training at scale for an environment with this config and check.
 
     A driver that was trained under ``strict`` warns of another check.

@@ -34,7 +34,6 @@ from drl_av.drivers.rule_based import (
     IdmDriver,
     IdmSumoDriver,
     MobilDriver,
-    NoPassingOnTheRight,
     RandomDriver,
     SumoDriver,
     require_world,
@@ -53,9 +52,7 @@ RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "gap-mobil-1.3": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.3),
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
     "sumo": lambda config: SumoDriver(EgoModel()),
-    "sumo-tuned": lambda config: SumoDriver(
-        TUNED._replace(overtake_right=config.ego.overtake_right)
-    ),
+    "sumo-tuned": lambda config: SumoDriver(TUNED),
     "random": lambda config: RandomDriver(),
 }
 """For each rule-based driver, by name, the function that makes it from an environment's config.
@@ -64,6 +61,10 @@ Each worker process has its own copy of this table. An evaluation with a driver 
 adds at run time can therefore use one process only.
 """
 
+PLANNER, PLANNER_FACTORY = "planner", "drl_av.env.planner:planner"
+"""The driver that searches with ``pretrained`` as its base, and where it is made."""
+POLICIES = policy_file.SHIPPED | {PLANNER: policy_file.PRETRAINED}
+"""The folder of the policy of each driver that ships with the package, by the driver's name."""
 DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
@@ -88,6 +89,11 @@ class DriverSpec:
     def is_external(self) -> bool:
         """Whether the driver's file is a zip or ONNX file, which holds no config of drl-av."""
         return self.run is not None and self.run.suffix.lower() in LOADERS
+
+    @property
+    def is_planner(self) -> bool:
+        """Whether it is the driver that searches."""
+        return self.own is None and _without_check(self.name) == PLANNER
 
     def config(self, config: Config) -> Config:
         """Return an evaluation's config with the safety check under which this driver drives."""
@@ -123,7 +129,7 @@ class DriverSpec:
 
 def driver_names() -> tuple[str, ...]:
     """Return the names of the rule-based and of the shipped drivers."""
-    return *RULE_DRIVERS, *policy_file.SHIPPED
+    return *RULE_DRIVERS, *POLICIES
 
 
 def baselines(names: Iterable[str]) -> list[str]:
@@ -166,8 +172,8 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
         own, _ = _with_check(word)
         if own in RULE_DRIVERS:
             runs[word] = None
-        elif own in policy_file.SHIPPED:
-            runs[word] = policy_file.SHIPPED[own]
+        elif own in POLICIES:
+            runs[word] = POLICIES[own]
         elif os.path.exists(own):
             runs[word] = _existing(Path(own))
         elif is_factory(own):
@@ -222,10 +228,8 @@ def _unknown(word: str) -> ConfigError:
     names, suffix = driver_names(), Path(word).suffix
     if suffix in (*DRIVER_FILES, ".npz"):
         return ConfigError(f"There is no file {word}: correct its path.")
-    hint = did_you_mean(word, names)
-    return ConfigError(
-        f"There is no driver or run folder {word!r}{hint}; the drivers are: {', '.join(names)}."
-    )
+    what = f"{word!r}{did_you_mean(word, names)}; the drivers are: {', '.join(names)}."
+    return ConfigError(f"There is no driver or run folder {what}")
 
 
 def default_config(specs: Sequence[DriverSpec]) -> Config:
@@ -314,11 +318,16 @@ def make_drivers(
     drivers: dict[str, Driver] = {}
 
     def its_check(spec: DriverSpec) -> SafetyCheck:
-        return _check(spec.config(config)) if check is None or spec.under else check
+        if check is not None and not spec.under:
+            return check
+        scenario = load_scenario(find_scenario(config.simulation.scenario))
+        return named_check(spec.config(config), scenario.vehicle_types, scenario.road)
 
     for spec in specs:
         name, driven_by = spec.name, spec.config(config)
-        if spec.actor is not None:
+        if spec.is_planner:
+            drivers[name] = driver_of_factory(PLANNER_FACTORY, driven_by)
+        elif spec.actor is not None:
             drivers[name] = actor_driver(name, spec.actor, driven_by, its_check(spec))
         elif spec.learned is not None:
             driver, own = spec.learned
@@ -339,16 +348,8 @@ def make_drivers(
     return {spec.name: drivers[spec.name] for spec in specs}
 
 
-def _check(config: Config) -> SafetyCheck:
-    """Return the safety check of an environment with this config, for its scenario's vehicles."""
-    scenario = load_scenario(find_scenario(config.simulation.scenario))
-    return named_check(config, scenario.vehicle_types, scenario.road)
-
-
 def rule_driver(name: str, config: Config) -> Driver:
     """Make the rule-based driver of this name, or the driver of a factory ``module:factory``.
-
-    A rule-based driver passes on the right only if ``ego.overtake_right`` permits it.
 
     Raises:
         ConfigError: there is no such driver in this world, or the factory does not work.
@@ -359,9 +360,7 @@ def rule_driver(name: str, config: Config) -> Driver:
         raise _unknown(name)
     driver = RULE_DRIVERS[name](config)
     require_world(driver, config.simulation.world)
-    if config.ego.overtake_right or isinstance(driver, SumoDriver):
-        return driver
-    return NoPassingOnTheRight(driver, config.ego)
+    return driver
 
 
 def load_driver(

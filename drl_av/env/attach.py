@@ -85,6 +85,11 @@ def _driver(
     """Return the driver and the config with which it drives."""
     specs = find_drivers([driver]) if isinstance(driver, str | Path) else ()
     settings = driving_config(specs, config)
+    if any(spec.is_planner for spec in specs):
+        raise ConfigError(
+            "The planner tries its actions in the twin, which has no copy of your road: attach "
+            "pretrained, or another driver."
+        )
     made = (
         make_drivers(specs, settings)[specs[0].name] if isinstance(driver, str | Path) else driver
     )

@@ -8,17 +8,25 @@ must continue an interrupted job, and do nothing if the job is complete.
 
 import contextlib
 import os
+import signal
+import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import islice
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
+from uuid import uuid4
+
+from loky import ProcessPoolExecutor
+from loky.process_executor import BrokenProcessPool
 
 from drl_av.errors import DrlAvError, SimulationError
 from drl_av.evaluation import LOKY, RAY
-from drl_av.evaluation.processes import BrokenProcessPool, workers
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -115,6 +123,41 @@ def on_ray(work: Callable[[Job], Result], jobs: Sequence[Job], processes: int) -
                 ray.cancel(reference, force=True)
 
 
+def require_shared(folder: Path) -> None:
+    """Check that all machines of the Ray cluster at ``RAY_ADDRESS`` see the same ``folder``.
+
+    Each machine must see a file that this one writes there. Without ``RAY_ADDRESS`` all jobs run on
+    this machine.
+
+    Raises DrlAvError if a machine does not see it.
+    """
+    if "RAY_ADDRESS" not in os.environ:
+        return
+    import ray
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    mark = folder / f".shared-{uuid4().hex}"
+    mark.touch()
+    try:
+        with _cluster(1):
+            exists: Any = ray.remote(num_cpus=0)(lambda path: os.path.exists(path))
+            answers = dict[str, Any]()
+            nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
+            for node in nodes:
+                if node["Alive"]:
+                    there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+                    asked = exists.options(scheduling_strategy=there).remote(str(mark))
+                    answers[node["NodeManagerHostname"]] = asked
+            blind = [host for host, answer in answers.items() if not ray.get(answer)]
+    finally:
+        mark.unlink(missing_ok=True)
+    if blind:
+        raise DrlAvError(
+            f"{', '.join(blind)} of the Ray cluster cannot see the files in {folder}: give --runs "
+            "a folder that all its machines share."
+        )
+
+
 def _lives(node: str) -> bool:
     import ray
 
@@ -185,3 +228,55 @@ def _given_up() -> SimulationError:
 
 ENGINES: dict[str, Engine] = {LOKY: on_this_machine, RAY: on_ray}
 """The engines by the names that users give."""
+
+
+__all__ = ["BrokenProcessPool", "workers"]
+
+Submit = Callable[..., "Future[Any]"]
+"""``submit(function, *arguments)`` returns the future of the result."""
+SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+LOOKS_FOR_PARENT_EVERY_S = 1.0
+
+
+@contextmanager
+def workers(processes: int) -> Iterator[Submit]:
+    """Start worker processes, and yield the function that submits calls to them.
+
+    If a worker is killed, all open futures raise ``BrokenProcessPool``. Each worker uses one
+    thread, and ignores Ctrl-C, which a terminal sends to every process. The workers stop when the
+    ``with`` block ends or this process is killed.
+    """
+    pool = ProcessPoolExecutor(
+        processes, env=SINGLE_THREADED, initializer=_end_with, initargs=(os.getpid(),)
+    )
+
+    def submit(function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        with _interrupts_ignored():  # a worker that starts here inherits this
+            future: Future[Any] = pool.submit(function, *arguments)
+        return future
+
+    try:
+        yield submit
+    finally:
+        pool.shutdown(kill_workers=True)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+def _end_with(parent: int) -> None:
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOKS_FOR_PARENT_EVERY_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

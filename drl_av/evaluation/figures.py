@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.env.reward import gap_reward, lateral_reward, safe_gap, speed_reward
+from drl_av.env.reward import gap_reward, lateral_reward, speed_reward
 from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import performance_profile
 from drl_av.evaluation.figure_style import legend_of_names, one_panel, panels
@@ -27,6 +27,8 @@ EPISODE_COLUMNS = {"driver": str, "vehicles": PlainNumber, "mean_speed_m_s": Pla
 EVALUATION_COLUMNS = {"episode": PlainNumber, "mean_reward": PlainNumber}
 SMOOTHED_OVER = 20
 """Number of training episodes in the moving mean of a learning curve."""
+PLOTTED_SAFE_GAP_M = 40.0
+"""d_safe in Fig. 4 of the paper, its reward functions; the reward's own is 39 m at 30 m/s."""
 MOST_DRIVERS = 50
 """Largest number of drivers in ``speed_figure``."""
 STYLES = {
@@ -119,17 +121,15 @@ def banded_curve(
 
 
 def reward_figure(config: Config) -> "Figure":
-    """Draw the three reward functions for the fixed desired values in the config.
+    """Draw the three reward functions (eq. 7 to 9) for the fixed desired values in the config.
 
-    The figure corresponds to Fig. 4 of the paper.
+    d_safe is ``PLOTTED_SAFE_GAP_M``, as in Fig. 4 of the paper.
     """
-    reward = config.reward
-    y_m, v_m_s = reward.desired_lateral_m, reward.desired_speed_m_s
-    safe_m = safe_gap(v_m_s, reward.safe_headway_s, config.safety.minimum_gap_m)
+    y_m, v_m_s = config.reward.desired_lateral_m, config.reward.desired_speed_m_s
     gaps, sides = np.linspace(0, 60, 241), np.linspace(-1.9, 9.5, 229)
     speeds = np.linspace(15, 40, 251)
     figure, axes = panels((11, 3.2), 1, 3, sharey=True)
-    axes[0].plot(gaps, [gap_reward(gap, safe_m) for gap in gaps])
+    axes[0].plot(gaps, [gap_reward(gap, PLOTTED_SAFE_GAP_M) for gap in gaps])
     axes[1].plot(sides, [lateral_reward(side, y_m) for side in sides])
     axes[2].plot(speeds, [speed_reward(speed, v_m_s) for speed in speeds])
     labels = ("gap to the vehicle ahead, m", "lateral position, m", "speed, m/s")

@@ -3,19 +3,26 @@
 import importlib.util
 import os
 import threading
-import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drl_av.config import Config, from_toml, load_config
-from drl_av.config.reference import annotated_toml, settings
+from drl_av.config.reference import annotated_toml
 from drl_av.drivers.policy_file import load, load_policy, save, save_policy
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.files import replacing, table_bytes
-from drl_av.learning.training import EpisodeRow, EvaluationRow, Training, learner_names
+from drl_av.learning.training import (
+    EpisodeRow,
+    EvaluationRow,
+    Training,
+    build_training,
+    learner_names,
+)
 
 
 class Progress(NamedTuple):
@@ -69,10 +76,13 @@ class Run:
             new._save_checkpoint(training)
 
     def read_config(self) -> Config:
-        """Read the settings of the run; raises RunError if the folder has no config.toml."""
+        """Read the settings of the run; raises RunError if the folder has no config.toml.
+
+        ``restore`` finds a file that is cut short: its settings are not those of the checkpoint.
+        """
         if not self.config_file.is_file():
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
-        return load_stored(self.config_file)
+        return load_config(self.config_file)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -183,31 +193,6 @@ class Run:
             stream.write(table_bytes(type(row), [row], header=False))
 
 
-def load_stored(path: Path) -> Config:
-    """Return the config in a run's ``config.toml``, which holds all settings.
-
-    Raises:
-        ConfigError: the file cannot be read, is not a valid config, is truncated, or lacks a
-            setting.
-    """
-    config, text = load_config(path), path.read_text(encoding="utf-8-sig")
-    document: dict[str, Any] = tomllib.loads(text)
-    for each in settings(config):
-        if each.key not in document.get(each.section, {}):
-            raise _not_whole(path, f"it lacks {each.section}.{each.key}")
-    if not text.endswith("\n"):
-        raise _not_whole(path, "its last line has no end")
-    return config
-
-
-def _not_whole(path: Path, reason: str) -> ConfigError:
-    """Return the error for an incomplete ``config.toml``; ``reason`` says how it is incomplete."""
-    return ConfigError(
-        f"{path} is not whole, {reason}: put back the config.toml that the run was begun with, "
-        "or begin a new run."
-    )
-
-
 def _fits(stored: str, config: Config) -> bool:
     """Return whether TOML settings equal ``config``."""
     try:
@@ -228,6 +213,38 @@ def _refusals_of(file: Path) -> Iterator[None]:
         ) from error
 
 
+@contextmanager
+def open_training(
+    folder: Path,
+    config: Config,
+    custom: CustomParts = NOTHING_CUSTOM,
+    *,
+    resume: bool = False,
+    prepare: Callable[[Training], object] | None = None,
+) -> Iterator[tuple[Run, Training]]:
+    """Begin a training in a new folder, or ``resume`` the one there; lock the folder in the block.
+
+    ``prepare`` changes a new training before its folder is made, as ``warm_start`` does.
+
+    Raises:
+        ConfigError, ScenarioError: the settings do not fit each other, the road or the memory.
+        RunError: the folder is not new, cannot be made, or another process trains in it.
+        CheckpointError: the checkpoint is damaged or of other settings, or cannot be written.
+    """
+    run = Run(folder)
+    with closing(HighwayEnv(config=config, **custom._asdict())) as env:
+        training = build_training(env)
+        if not resume:
+            if prepare:
+                prepare(training)
+            run.create(training)
+            if prepare:
+                run.save(training)
+        with run.locked():
+            run.restore(training)
+            yield run, training
+
+
 def train(run: Run, training: Training) -> Iterator[Progress]:
     """Train to the last episode, with evaluations and checkpoints; yield the rows of each episode.
 
@@ -245,6 +262,8 @@ def train(run: Run, training: Training) -> Iterator[Progress]:
         if training.episodes_done % config.checkpoint_every == 0 or last:
             run.save(training)
         yield Progress(row, evaluation)
+    if not run.policy_file.exists():
+        run.save(training)
 
 
 def warm_start(training: Training, policy_file: Path) -> bool:

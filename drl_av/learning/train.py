@@ -1,19 +1,17 @@
 """Trains a driver from a user's program: ``drl_av.train``."""
 
 from collections.abc import Mapping
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
-from drl_av.env.highway import HighwayEnv
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError
-from drl_av.learning.run import Run
+from drl_av.learning.run import open_training, tensorboard_writer
 from drl_av.learning.run import train as train_run
-from drl_av.learning.training import build_training
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
 
@@ -61,23 +59,36 @@ def train(
     given = {"episodes": episodes, "seed": seed}
     given = {name: value for name, value in given.items() if value is not None}
     settings = settings.updated("learning", **given)
-    if settings.learning.algorithm == "ppo":
-        if own_check is not None or reward is not None or episodes is not None:
-            raise ConfigError(
-                "safety_check as a function, reward and episodes belong to the training by "
-                "Algorithm 1, but this one is PPO at scale: leave them out, or choose another "
-                "preset."
-            )
+    if settings.learning.algorithm == "ppo" and (own_check or reward or episodes is not None):
+        raise ConfigError(
+            "safety_check as a function, reward and episodes belong to the training by Algorithm "
+            "1, but this one is PPO at scale: leave them out, or choose another preset."
+        )
+    train_to_end(Path(out), settings, CustomParts(own_check, reward))
+    return Path(out)
+
+
+def train_to_end(
+    folder: Path,
+    config: Config,
+    custom: CustomParts = NOTHING_CUSTOM,
+    *,
+    resume: bool = False,
+    tensorboard: bool = False,
+) -> None:
+    """Train in a new folder, or ``resume`` the training there by Algorithm 1; show no progress.
+
+    Raises:
+        As ``open_training`` and ``train_at_scale``.
+    """
+    if config.learning.algorithm == "ppo":
         from drl_av.learning.large_scale import train_at_scale  # it needs sb3-contrib
 
-        for _ in train_at_scale(Path(out), settings):
+        for _ in train_at_scale(folder, config):
             pass
-        return Path(out)
-    run = Run(Path(out))
-    with closing(HighwayEnv(config=settings, safety_check=own_check, reward=reward)) as env:
-        training = build_training(env)
-        run.create(training)
-        with run.locked():
-            for _ in train_run(run, training):
-                pass
-    return run.folder
+        return
+    with open_training(folder, config, custom, resume=resume) as (run, training):
+        events = run.folder / "tensorboard" if tensorboard else None
+        with tensorboard_writer(events, training.episodes_done) as write:
+            for progress in train_run(run, training):
+                write(progress)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import cycle, islice
 from operator import index
 from typing import Any
 
@@ -17,7 +16,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import observed_indicators
 from drl_av.driving.mirror import mirror_of
 from drl_av.driving.scene import Scene
-from drl_av.env.episode_start import TRAINING_SEED_RANGE
+from drl_av.env.episode_start import traffic_seed
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout
@@ -100,14 +99,6 @@ class ExploringDriver(Driver):
         return ACTIONS[self._driver.greedy(observation)]
 
 
-def seed_of_episode(seed: int, episode: int) -> int:
-    """Return a traffic seed that depends only on the training's seed and the episode (ours).
-
-    Trainings with the same seed then learn in the same traffic, for a fair comparison.
-    """
-    return int(np.random.default_rng([seed, episode]).integers(*TRAINING_SEED_RANGE))
-
-
 def learner_names(count: int) -> list[str]:
     """Return the prefixes of the tensor names of ``count`` learners in a checkpoint."""
     return ["learner", *(f"learner{number}" for number in range(1, count))]
@@ -172,16 +163,14 @@ class Training:
         for learner in self._learners:
             learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
-        seed, vehicles = self._draw_seed(), 0
-        each = [[learner] for learner in self._learners]
-        turns = cycle(each if self._config.round_robin else [self._learners])
+        seed, vehicles = traffic_seed(None, {}, self._rng), 0
         gradient_steps, losses = self._gradient_steps, list[float]()
         for decision in rollout(self._env, self._explorer, seed, self._draw_vehicles()):
             if not metrics.decisions:
                 vehicles = len(decision.scene.snapshot.ids) - 1
             self._store(decision)
-            for learners in islice(turns, gradient_steps):
-                losses += [self._learn(learner) for learner in learners]
+            for _ in range(gradient_steps):
+                losses += [self._learn(learner) for learner in self._learners]
             metrics.add(decision)
         self.episodes_done += 1
         if self.episodes_done % self._config.target_update_episodes == 0:
@@ -200,12 +189,6 @@ class Training:
             epsilon=epsilon,
             mean_loss=float(np.mean(losses)) if losses else 0.0,
         )
-
-    def _draw_seed(self) -> int:
-        """Return the traffic seed of the next episode."""
-        if self._config.traffic_by_episode:
-            return seed_of_episode(self._config.seed, self.episodes_done + 1)
-        return int(self._rng.integers(*TRAINING_SEED_RANGE))
 
     def _draw_vehicles(self) -> int | None:
         """Draw the number of other vehicles at the start of an episode; None: its seed decides."""

@@ -8,13 +8,12 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
-from drl_av.driving.wide_observation import MOST, WIDE_SIZE, wide_observation
+from drl_av.driving.wide_observation import MOST, WIDE_SIZE
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
-from drl_av.env.twin_episodes import Episodes, Task
 from drl_av.env.vector import TwinVectorEnv
+from drl_av.env.wide_view import look_wide
 from drl_av.twin.worlds import COUNT, IntArray
 
 Float32Array = npt.NDArray[np.float32]
@@ -24,47 +23,6 @@ SIDES = np.array(SIGNS)
 MIDDLE_M_S, SPAN_M_S = 20.0, 10.0
 """The speed that earns nothing, and how much more speed earns 1."""
 VALUE_SCALE = 10.0
-
-
-@compiled
-def look_wide(
-    episodes: Episodes,
-    task: Task,
-    rows: IntArray,
-    count: IntArray,
-    observation: Float32Array,
-    permitted: Flags,
-) -> None:
-    """Write the wide observation and the mask of the worlds ``rows``, and what is permitted.
-
-    ``count``, shape (worlds,), holds the numbers of vehicles, the ego included. ``observation`` has
-    the shape (worlds, WIDE_SIZE + 12); the mask is at its end. If no action is permitted,
-    ``permitted``, shape (worlds, 12), is True for all.
-    """
-    for w in rows:
-        n, scene = count[w], episodes.scene[w]
-        wide_observation(
-            scene[0, :n],
-            scene[1, :n],
-            scene[2, :n],
-            scene[3, :n],
-            scene[4, :n],
-            scene[5, :n],
-            task.road,
-            task.range_m,
-            task.ego.max_speed_m_s,
-            episodes.lanes[w, 0],
-            episodes.lanes[w, 1],
-            observation[w, :WIDE_SIZE],
-        )
-        some = False
-        for action in range(12):
-            is_permitted = episodes.executed[w, action] == action
-            permitted[w, action] = is_permitted
-            observation[w, WIDE_SIZE + action] = 1.0 if is_permitted else 0.0
-            some = some or is_permitted
-        if not some:
-            permitted[w, :] = True
 
 
 class Part:
@@ -120,18 +78,23 @@ class TwinWorlds(VecEnv):
         ConfigError: the twin cannot do what the settings ask.
     """
 
+    SIZE = WIDE_SIZE + len(ACTIONS)
+    """Number of inputs of the policy."""
+    PART = Part
+    """What drives the worlds of one kind of traffic, and pays for it."""
+
     def __init__(self, config: Config, seed: int) -> None:
-        count, size = config.ppo.worlds, WIDE_SIZE + len(ACTIONS)
-        super().__init__(count, Box(-MOST, MOST, (size,)), Discrete(len(ACTIONS)))
-        self.observation = np.zeros((count, size), np.float32)
+        count = config.ppo.worlds
+        super().__init__(count, Box(-MOST, MOST, (self.SIZE,)), Discrete(len(ACTIONS)))
+        self.observation = np.zeros((count, self.SIZE), np.float32)
         self.permitted = np.zeros((count, len(ACTIONS)), np.bool_)
         self.collisions = 0
         """Episodes so far that ended with a collision."""
         self._scale = VALUE_SCALE * (1.0 - config.ppo.discount)
-        kinds = config.per_traffic_preset
+        kinds = self.kinds(config)
         ends = np.rint(np.linspace(0, count, len(kinds) + 1)).astype(int).tolist()
         self.parts = [
-            Part(slice(first, last), kind, seed)
+            self.PART(slice(first, last), kind, seed)
             for first, last, kind in zip(ends[:-1], ends[1:], kinds, strict=True)
         ]
         self._action = np.zeros(count, np.int64)
@@ -142,9 +105,13 @@ class TwinWorlds(VecEnv):
             for decision in range(most):
                 _, hit, late = part.step(np.zeros(part.env.num_envs, np.int64))
                 part.begin_anew(hit | late | (begins == decision))
-            self._look(part, np.arange(part.env.num_envs))
+            self.look(part, np.arange(part.env.num_envs))
 
-    def _look(self, part: Part, worlds: IntArray) -> None:
+    def kinds(self, config: Config) -> list[Config]:
+        """Return the settings of which each drives an equal part of the worlds."""
+        return config.per_traffic_preset
+
+    def look(self, part: Part, worlds: IntArray) -> None:
         """Update the observations and the masks of some worlds of one part."""
         env = part.env
         seen = self.observation[part.rows], self.permitted[part.rows]
@@ -167,7 +134,7 @@ class TwinWorlds(VecEnv):
             reward, hit, late = part.step(self._action[rows])
             rewards[rows] = reward * self._scale
             self.collisions += int(hit.sum())
-            self._look(part, np.arange(part.env.num_envs))
+            self.look(part, np.arange(part.env.num_envs))
             dones[rows] = hit | late
             for row in np.flatnonzero(dones[rows]).tolist():
                 last = self.observation[first + row].copy()
@@ -176,7 +143,7 @@ class TwinWorlds(VecEnv):
                     "TimeLimit.truncated": bool(late[row]),
                 }
             part.begin_anew(dones[rows])
-            self._look(part, np.flatnonzero(dones[rows]))
+            self.look(part, np.flatnonzero(dones[rows]))
         return self.observation.copy(), rewards, dones, infos
 
     def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:

@@ -14,8 +14,7 @@ from drl_av.config import Config
 from drl_av.errors import ConfigError
 from drl_av.road.road import ARRIVED_M, Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
-from drl_av.safety.reachability import LINE_M, ON_LINE_M
-from drl_av.safety.stopping import cut_in_gap
+from drl_av.safety.reachability import LINE_M, ON_LINE_M, cut_in_gap
 
 ROAD_AS_WRITTEN = Road(500.0, 3.8, (True, True, True))
 """The road of a new scenario with the default sizes."""

@@ -126,11 +126,11 @@ from drl_av.safety.reachability import (
     lateral_extents,
     must_stay_behind,
     nearest_barrier,
+    reach,
     seconds_to_line,
     stays_behind,
     stopping_limit,
 )
-from drl_av.safety.stopping import reach
 
 ORDER = (ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE)
 """The longitudinal actions, the fastest first."""

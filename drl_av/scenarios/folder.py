@@ -14,7 +14,6 @@ from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types
 from drl_av.scenarios import folder_files
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
-from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE
 from drl_av.scenarios.road_description import (
@@ -23,7 +22,7 @@ from drl_av.scenarios.road_description import (
     ScenarioDescription,
     require_ego,
 )
-from drl_av.scenarios.road_types import ROAD_TYPES, road_type_of
+from drl_av.scenarios.road_types import from_toml, road_type_of
 from drl_av.scenarios.safe_xml import (
     ADDITIONAL,
     NETWORK,
@@ -181,8 +180,7 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> RoadDescription:
         ScenarioError: the file cannot be read, or its contents are wrong. If it cannot be read, the
             message ends with ``remedy``, which says what the user can do.
     """
-    described = {name: kind.description for name, kind in ROAD_TYPES.items()}
-    return from_toml(_text(path, remedy), str(path), described)
+    return from_toml(_text(path, remedy), str(path))
 
 
 def _with_types(

@@ -4,10 +4,12 @@ import math
 import xml.etree.ElementTree as ET
 from bisect import bisect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import chain, pairwise
+from itertools import chain, pairwise, zip_longest
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from drl_av.errors import ScenarioError
 from drl_av.road.road import Road, SpeedLimit
 from drl_av.scenarios.road_description import RoadDescription
 
@@ -135,6 +137,80 @@ class RoadType(NamedTuple):
     """Returns the demo traffic, which is used when SUMO alone opens the scenario."""
     additional: Callable[[Any], dict[str, ET.Element]] = lambda description: {}
     """Returns more files that SUMO loads before its vehicles, by file name."""
+
+
+Connection = tuple[str, str, str, str]
+"""A connection of two lanes in SUMO: edge, index of its lane, next edge, index of its lane."""
+LANE_ATTRIBUTES = ("allow", "disallow", "changeLeft", "changeRight")
+"""The SUMO attributes of single lanes that must be as described (netconvert guesses others)."""
+TOLERANCE = 1e-6
+
+
+class NetworkLane(NamedTuple):
+    """A lane as the network file of a scenario must have it."""
+
+    edge: str
+    length_m: float
+    width_m: float
+    speed_m_s: float
+    attributes: Mapping[str, str] = MappingProxyType({})
+    """Its values of ``LANE_ATTRIBUTES``; those that it lacks, it must not have."""
+
+
+def require_network(
+    network: ET.Element,
+    lanes: Mapping[str, NetworkLane],
+    connections: set[Connection],
+    name: str,
+) -> None:
+    """Compare a network with the described lanes, by SUMO lane id, and their connections.
+
+    Args:
+        network: The root element of the network file.
+        lanes: All lanes; the lanes of an edge are in the order of their indices.
+        connections: All connections.
+        name: The file's name.
+
+    Raises:
+        ScenarioError: the network differs from the description; the message contains ``name``.
+    """
+    keys = ("from", "fromLane", "to", "toLane")
+    found = {tuple(each.attrib.get(key, "") for key in keys) for each in network.iter("connection")}
+    reason = _difference(network, lanes)
+    if reason is None and found != connections:
+        reason = "leads its lanes on otherwise than described"
+    if reason is not None:
+        raise ScenarioError(
+            f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
+        )
+
+
+def _difference(network: ET.Element, wanted: Mapping[str, NetworkLane]) -> str | None:
+    """Return how the lanes of a network differ from the described ones, or None if they do not.
+
+    The result completes a sentence "The road ...".
+    """
+    lanes = [(edge, lane) for edge in network.iter("edge") for lane in edge.findall("lane")]
+    places = [(e.get("id", ""), lane.get("id", ""), lane.get("index", "")) for e, lane in lanes]
+    needed = [(lane.edge, name, name.rpartition("_")[2]) for name, lane in wanted.items()]
+    pairs = zip_longest(sorted(places, key=itemgetter(0)), sorted(needed, key=itemgetter(0)))
+    for place, need in pairs:
+        if place != need:
+            return f"has other lanes than described, one is {(place or need)[1]!r}"
+    for _, lane in lanes:
+        lane_id = lane.attrib["id"]
+        _, length_m, width_m, speed_m_s, attributes = wanted[lane_id]
+        for attribute, value in (("length", length_m), ("width", width_m), ("speed", speed_m_s)):
+            try:
+                number = float(lane.get(attribute, "nan"))
+            except ValueError:
+                number = float("nan")
+            if not abs(number - value) <= TOLERANCE:
+                return f"has {attribute} {lane.get(attribute)} on lane {lane_id!r}, not {value:g}"
+        for attribute in LANE_ATTRIBUTES:
+            if (has := lane.get(attribute)) != (needs := attributes.get(attribute)):
+                return f"has {attribute} {has!r} on lane {lane_id!r}, not {needs!r}"
+    return None
 
 
 RUN_OUT_M = 500.0

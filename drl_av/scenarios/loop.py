@@ -2,11 +2,15 @@
 
 import math
 import xml.etree.ElementTree as ET
-from collections import defaultdict
 
-from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import Road
-from drl_av.scenarios.layout import Layout, RoadType
+from drl_av.scenarios.layout import (
+    Connection,
+    Layout,
+    NetworkLane,
+    RoadType,
+    require_network,
+)
 from drl_av.scenarios.netconvert import DEMO_END_S, PRECISION, netconvert, vehicle_element
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, longest_m
 
@@ -15,9 +19,6 @@ EDGES = 4
 """Number of edges of a loop."""
 CHORD_M = 6.0
 """Largest length of the straight pieces that approximate the circle."""
-TOLERANCE = 1e-6
-SUMO_LANE_WIDTH_M = "3.2"
-"""The width that SUMO gives a lane without a width attribute."""
 DEMO_VEHICLES = 16
 DEMO_PITCH_M = 30.0
 """Smallest distance between two demo vehicles in a lane."""
@@ -183,106 +184,23 @@ def read_layout(network: ET.Element, description: ScenarioDescription, name: str
     ``network`` is the root element of SUMO's network file, ``name`` the file's name.
 
     Raises:
-        ScenarioError: the road is not a closed loop, or differs from the description; the message
-            contains ``name``.
+        ScenarioError: the road differs from the description; the message contains ``name``.
     """
-    try:
-        lanes = {edge.attrib["id"]: edge.findall("lane") for edge in network.iter("edge")}
-        edges, pieces = _follow(network, description)
-        positions: dict[str, tuple[int, float]] = {}
-        s_m = 0.0
-        for piece in pieces:
-            for lane in lanes[piece]:
-                positions[lane.attrib["id"]] = (int(lane.attrib["index"]), s_m)
-            s_m += _length_m(lanes[piece], piece)
-        for edge in edges:
-            _compare(lanes[edge], edge, description)
-        if abs(s_m - description.circumference_m) > TOLERANCE:
-            raise _LoopMismatch(f"is {s_m:.6f} m long, not {description.circumference_m:.6f} m")
-    except (_LoopMismatch, KeyError, ValueError) as error:
-        reason = str(error) if isinstance(error, _LoopMismatch) else f"lacks or misstates {error}"
-        raise ScenarioError(
-            f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
-        ) from error
+    open_lanes = {lane for lane, is_open in enumerate(description.open_lanes) if is_open}
+    lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
+    connections, s_m = set[Connection](), 0.0
+    for i, length_m in enumerate(edge_lengths_m(description.circumference_m)):
+        size = f"e{i}", length_m, description.lane_width_m, description.speed_limit_m_s
+        for lane in range(description.lanes):
+            closed = {} if lane in open_lanes else {"disallow": "all"}
+            lanes[f"e{i}_{lane}"] = NetworkLane(*size, closed)
+            positions[f"e{i}_{lane}"] = lane, s_m
+        following = f"e{(i + 1) % EDGES}"
+        connections |= {(f"e{i}", str(lane), following, str(lane)) for lane in open_lanes}
+        s_m += length_m
+    require_network(network, lanes, connections, name)
     road = Road(s_m, description.lane_width_m, description.open_lanes)
-    return Layout(road, {"loop": edges}, positions)
-
-
-class _LoopMismatch(Exception):
-    """The road is not the described loop; the message completes a sentence "The road ..."."""
-
-
-def _follow(
-    network: ET.Element, description: ScenarioDescription
-) -> tuple[tuple[str, ...], list[str]]:
-    """Return the edges in driving order, and the same with the junction edges between them."""
-    normal = [e.attrib["id"] for e in network.iter("edge") if e.get("function") is None]
-    if not normal:
-        raise _LoopMismatch("has no edges")
-    ways: dict[str, list[ET.Element]] = defaultdict(list)
-    for connection in network.iter("connection"):
-        ways[connection.attrib["from"]].append(connection)
-    edges: list[str] = []
-    pieces: list[str] = []
-    edge = normal[0]
-    while edge not in edges:
-        edges.append(edge)
-        following, via = _step(ways[edge], edge, description)
-        pieces += [edge, via] if via else [edge]
-        edge = following
-    if edge != edges[0] or len(edges) != len(normal):
-        raise _LoopMismatch("is not one closed loop through all its edges")
-    return tuple(edges), pieces
-
-
-def _step(
-    ways: list[ET.Element], edge: str, description: ScenarioDescription
-) -> tuple[str, str | None]:
-    """Return the id of the edge after ``edge``, and of the junction edge between them or None."""
-    following = {way.attrib["to"] for way in ways}
-    if len(following) != 1:
-        raise _LoopMismatch(f"leads from edge {edge!r} to {len(following)} edges instead of one")
-    onward = {(int(way.attrib["fromLane"]), int(way.attrib["toLane"])) for way in ways}
-    needed = {(lane, lane) for lane, is_open in enumerate(description.open_lanes) if is_open}
-    if onward != needed:
-        raise _LoopMismatch(
-            f"does not lead each open lane of edge {edge!r}, and no other, straight on"
-        )
-    via = ways[0].get("via")
-    return following.pop(), via.rsplit("_", 1)[0] if via else None
-
-
-def _length_m(lanes: list[ET.Element], edge: str) -> float:
-    """Return the common length of an edge's lanes, metres; raise _LoopMismatch if they differ."""
-    lengths = {float(lane.attrib["length"]) for lane in lanes}
-    if len(lengths) != 1:
-        raise _LoopMismatch(f"has no lanes of one length on edge {edge!r}")
-    return lengths.pop()
-
-
-def _compare(lanes: list[ET.Element], edge: str, description: ScenarioDescription) -> None:
-    """Raise _LoopMismatch unless the lanes of an edge are as the description says."""
-    if len(lanes) != description.lanes:
-        raise _LoopMismatch(
-            f"has {pluralize(len(lanes), 'lane')} on edge {edge!r}, not {description.lanes}"
-        )
-    for index, (lane, is_open) in enumerate(zip(lanes, description.open_lanes, strict=True)):
-        if lane.attrib["index"] != str(index) or lane.attrib["id"] != f"{edge}_{index}":
-            raise _LoopMismatch(f"has no lane {index} in its place on edge {edge!r}")
-        if lane.get("allow") is not None or lane.get("disallow") not in (None, "all"):
-            raise _LoopMismatch(f"has lane {lane.attrib['id']!r} for some kinds of vehicles only")
-        if (lane.get("disallow") is None) != is_open:
-            state = "barricaded" if is_open else "open"
-            raise _LoopMismatch(f"has lane {lane.attrib['id']!r} {state}, unlike its description")
-        for attribute, default, wanted in (
-            ("width", SUMO_LANE_WIDTH_M, description.lane_width_m),
-            ("speed", "nan", description.speed_limit_m_s),
-        ):
-            value = float(lane.get(attribute, default))
-            if not abs(value - wanted) <= TOLERANCE:
-                raise _LoopMismatch(
-                    f"has {attribute} {value:g} on lane {lane.attrib['id']!r}, not {wanted:g}"
-                )
+    return Layout(road, {"loop": tuple(f"e{i}" for i in range(EDGES))}, positions)
 
 
 LOOP = RoadType(

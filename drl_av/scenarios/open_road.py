@@ -3,8 +3,6 @@
 import xml.etree.ElementTree as ET
 from abc import abstractmethod
 from dataclasses import dataclass
-from itertools import zip_longest
-from operator import itemgetter
 
 from drl_av.config import TrafficConfig
 from drl_av.config.schema import setting
@@ -12,11 +10,14 @@ from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.layout import (
+    Connection,
     Edge,
     Layout,
+    NetworkLane,
     OpenPlan,
     Point,
     RoadType,
+    require_network,
     route_on,
     split_long_edges,
 )
@@ -40,9 +41,6 @@ BEYOND_M = 305.0
 30 m, its way in the last decision; and 25 m, half of the two bodies together at most."""
 EGO_DEPARTS_S = 60
 """Time at which the ego enters in the demo traffic, if the other vehicles come as an inflow."""
-TOLERANCE = 1e-6
-LANE_ATTRIBUTES = ("changeLeft", "changeRight")
-"""The SUMO attributes of single lanes that must be as described (netconvert guesses others)."""
 
 
 @dataclass(frozen=True)
@@ -171,8 +169,8 @@ def _text(value_m: float) -> str:
     return f"{value_m + 0.0:.{PRECISION}f}"
 
 
-def _connections(plan: OpenPlan) -> set[tuple[str, str, str, str]]:
-    """Return the connections of lanes as (edge, its lane, next edge, its lane)."""
+def _connections(plan: OpenPlan) -> set[Connection]:
+    """Return the connections of the lanes of a road."""
     return {
         (one.id, str(lane - one.lanes[0]), other.id, str(lane - other.lanes[0]))
         for one in plan.edges
@@ -190,62 +188,15 @@ def read_layout(network: ET.Element, description: OpenDescription, name: str) ->
         ScenarioError: the road is not the described one; the message contains ``name``.
     """
     plan = split_long_edges(description.plan())
-    positions = {
-        f"{edge.id}_{index}": (lane, edge.begin_m)
-        for edge in plan.edges
-        for index, lane in enumerate(edge.lanes)
-    }
-    wanted = {f"{edge.id}_{index}": edge for edge in plan.edges for index in range(len(edge.lanes))}
-    reason = _difference(network, wanted, description)
-    ways = {
-        tuple(way.attrib.get(key, "") for key in ("from", "fromLane", "to", "toLane"))
-        for way in network.iter("connection")
-    }
-    if reason is None and ways != _connections(plan):
-        reason = "leads its lanes on otherwise than described"
-    if reason is not None:
-        raise ScenarioError(
-            f"The road in {name} {reason}: write the scenario again with: drl-av scenario DIR."
-        )
+    lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
+    for edge in plan.edges:
+        size = edge.id, edge.end_m - edge.begin_m, description.lane_width_m
+        for index, lane in enumerate(edge.lanes):
+            limit_m_s, further = _limits(edge, description)[index], edge.lane_attributes.get(lane)
+            lanes[f"{edge.id}_{index}"] = NetworkLane(*size, limit_m_s, further or {})
+            positions[f"{edge.id}_{index}"] = lane, edge.begin_m
+    require_network(network, lanes, _connections(plan), name)
     return Layout(plan.road, plan.routes, positions, plan.start)
-
-
-def _difference(
-    network: ET.Element, wanted: dict[str, Edge], description: OpenDescription
-) -> str | None:
-    """Return how the lanes of a network differ from the described ones, or None if they do not.
-
-    The result completes a sentence "The road ...".
-    """
-    lanes = [(edge, lane) for edge in network.iter("edge") for lane in edge.findall("lane")]
-    places = [(e.get("id", ""), lane.get("id", ""), lane.get("index", "")) for e, lane in lanes]
-    needed = [(edge.id, lane_id, lane_id.rpartition("_")[2]) for lane_id, edge in wanted.items()]
-    pairs = zip_longest(sorted(places, key=itemgetter(0)), sorted(needed, key=itemgetter(0)))
-    for place, need in pairs:
-        if place != need:
-            return f"has other lanes than described, one is {(place or need)[1]!r}"
-    for _, lane in lanes:
-        lane_id = lane.attrib["id"]
-        edge = wanted[lane_id]
-        index = int(lane_id.rpartition("_")[2])
-        if lane.get("allow") is not None or lane.get("disallow") is not None:
-            return f"has lane {lane_id!r} for some kinds of vehicles only"
-        for attribute, value in (
-            ("length", edge.end_m - edge.begin_m),
-            ("width", description.lane_width_m),
-            ("speed", _limits(edge, description)[index]),
-        ):
-            try:
-                number = float(lane.get(attribute, "nan"))
-            except ValueError:
-                number = float("nan")
-            if not abs(number - value) <= TOLERANCE:
-                return f"has {attribute} {lane.get(attribute)} on lane {lane_id!r}, not {value:g}"
-        further = edge.lane_attributes.get(edge.lanes[index], {})
-        for attribute in LANE_ATTRIBUTES:
-            if (found := lane.get(attribute)) != (need := further.get(attribute)):
-                return f"has {attribute} {found!r} on lane {lane_id!r}, not {need!r}"
-    return None
 
 
 def traffic(description: OpenDescription) -> ET.Element:

@@ -1,15 +1,28 @@
-"""The kinds of scenarios by name.
+"""The kinds of scenarios by name, and the description of a scenario in TOML text.
 
 To add a kind, write its file and add a line to ``ROAD_TYPES``, from which the help of the command
 line and the docs are generated.
 """
 
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from drl_av.config.schema import did_you_mean
 from drl_av.errors import ScenarioError
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.highways import EXIT, MERGE, RAMP_TO_RAMP, STRAIGHT
 from drl_av.scenarios.imported.description import IMPORTED
 from drl_av.scenarios.layout import RoadType
 from drl_av.scenarios.loop import LOOP
-from drl_av.scenarios.road_description import RoadDescription
+from drl_av.scenarios.road_description import (
+    FILES,
+    TYPES,
+    PlacedVehicle,
+    RoadDescription,
+)
 
 ROAD_TYPES: dict[str, RoadType] = {
     "loop": LOOP,
@@ -49,3 +62,93 @@ def stated_road_type(description: RoadDescription) -> str:
     """Return the TOML line that names the kind; "" for a loop, whose file has no such line."""
     name = road_type_name(description)
     return "" if name == "loop" else f'kind = "{name}"\n'
+
+
+def from_toml(text: str, name: str = "scenario.toml") -> RoadDescription:
+    """Return the description of a scenario, read from TOML text; missing keys have their defaults.
+
+    Args:
+        text: The TOML text; its key ``kind`` selects the class of the description.
+        name: The name of the file, with which each error message begins. The key ``net``, a path,
+            is relative to the folder of this file.
+
+    Raises:
+        ScenarioError: the text is not valid TOML, the kind or a key is unknown, a key of a placed
+            vehicle is missing, or a value has a wrong type or is out of bounds.
+    """
+    try:
+        values = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{name} is not valid TOML: {error}.") from error
+    try:
+        kind = values.pop("kind", "loop")
+        if kind not in ROAD_TYPES:
+            raise unknown_road_type(kind)
+        if isinstance(values.get("barricaded_lanes"), list):
+            values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
+        if isinstance(values.get(NET), str) and values[NET]:
+            values[NET] = str(Path(name).parent / values[NET])
+        if FILES in values:
+            values[FILES] = _paths(values[FILES], Path(name).parent)
+        for key, (made, what) in TABLES.items():
+            if key in values:
+                values[key] = _from_tables(values[key], key, made, what)
+        return _build(ROAD_TYPES[kind].description, values, "a scenario")
+    except ScenarioError as error:
+        raise ScenarioError(f"{name}: {error}") from error
+
+
+TABLES: dict[str, tuple[type[Any], str]] = {
+    "vehicles": (PlacedVehicle, "a placed vehicle"),
+    TYPES: (CustomVehicleType, "a vehicle type"),
+}
+"""For each key that holds tables: the class of a table, and its name in error messages."""
+NET = "net"
+"""The key of the path of a network file."""
+
+
+def unknown_road_type(kind: object) -> ScenarioError:
+    """Return the error for a kind of scenario that does not exist."""
+    return ScenarioError(
+        f"There is no kind of scenario {kind!r}{did_you_mean(kind, ROAD_TYPES)}; the kinds are: "
+        f"{', '.join(ROAD_TYPES)}."
+    )
+
+
+def _paths(names: Any, folder: Path) -> tuple[str, ...]:
+    """Return the paths of files in a folder; raise ScenarioError at a name that is none."""
+    for name in names if isinstance(names, list) else [names]:
+        if not isinstance(name, str) or not name or Path(name).name != name or "," in name:
+            raise ScenarioError(
+                f"{FILES} has {name!r}, but must be a list of names of files in the same folder."
+            )
+    return tuple(str(folder / name) for name in names)
+
+
+Described = TypeVar("Described")
+
+
+def _from_tables(tables: Any, key: str, made: type[Described], what: str) -> tuple[Described, ...]:
+    """Convert the tables ``[[key]]`` to objects of the class ``made``."""
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ScenarioError(f"The {key} must be tables, each written under [[{key}]].")
+    return tuple(_build(made, table, what) for table in tables)
+
+
+def _build(kind: type[Described], values: Mapping[str, Any], what: str) -> Described:
+    """Create an object of the class ``kind`` from TOML values; ``what`` names it in errors."""
+    known = [field.name for field in fields(kind) if field.init]  # type: ignore[arg-type]
+    for key in values:
+        if key not in known:
+            hint = did_you_mean(key, known)
+            raise ScenarioError(
+                f"There is no key {key!r}{hint} in {what}; its keys are: {', '.join(known)}."
+            )
+    missing = [
+        item.name
+        for item in fields(kind)  # type: ignore[arg-type]
+        if item.init and item.default is MISSING and item.name not in values
+    ]
+    if missing:
+        raise ScenarioError(f"The key {missing[0]!r} is missing in {what}: add it.")
+    return kind(**values)

@@ -65,9 +65,9 @@ class Fleet:
             require_reachable(scenario.road, self._start, config.ego)
         if self._start is not None and sum(config.traffic.shares) > 0:
             raise ConfigError(
-                "traffic: finite_state_share, level_0_share, level_1_share and hard_braking_share "
-                "must be 0 on an open road, on which SUMO drives all other vehicles: set them to "
-                "0, or traffic.kind to calm, overtaking or naturalistic, or take a loop."
+                "traffic: finite_state_share, the shares of the levels and hard_braking_share must "
+                "be 0 on an open road, on which SUMO drives all other vehicles: set them to 0, "
+                "or traffic.kind to calm, overtaking or naturalistic, or take a loop."
             )
         if self._start is not None and self.placed is None:
             self._require_room(self._start)

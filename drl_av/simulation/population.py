@@ -124,6 +124,7 @@ class DriverModel(IntEnum):
     LEVEL_1 = 3
     HARD_BRAKING = 4
     """The finite-state machine, which brakes as hard as it can at random times."""
+    LEVEL_2 = 5
 
 
 @dataclass(frozen=True)

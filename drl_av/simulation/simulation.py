@@ -25,10 +25,9 @@ from drl_av.road.sweep import LATERAL_SPEED_M_S, Displacement, VehicleRectangles
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color, GuiCamera
-from drl_av.simulation.instances import acquire
 from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.speed_requests import SpeedRequests
-from drl_av.simulation.sumo import connection, option_words, require_display, start
+from drl_av.simulation.sumo import acquire, connection, option_words, require_display, start
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
     StateReader,

@@ -27,7 +27,7 @@ VERBS = {
     "adapt": [
         "default: 30000",
         "default: 1e-05",
-        "0 drives the same traffic without learning",
+        "0 drives without learning",
         "default: the RUN's",
         "TOML",
     ],

@@ -68,14 +68,14 @@ def test_numbers_of_numpy_and_paths_become_what_a_file_would_hold() -> None:
     given = as_config(
         {
             "traffic": {"vehicles_max": np.int64(5), "vehicles_min": np.array(2)},
-            "ego": {"max_speed_m_s": np.float64(25.5), "overtake_right": np.bool_(True)},
+            "ego": {"max_speed_m_s": np.float64(25.5)},
             "reward": {"desired_speed_m_s": np.int32(28)},
             "simulation": {"scenario": Path("my_loop")},
         }
     )
     wanted = (
         FIVE.updated("traffic", vehicles_min=2)
-        .updated("ego", max_speed_m_s=25.5, overtake_right=True)
+        .updated("ego", max_speed_m_s=25.5)
         .updated("reward", desired_speed_m_s=28.0)
         .updated("simulation", scenario="my_loop")
     )

@@ -9,9 +9,9 @@ from worlds import CENTER, LEAVE, LEFT, LONG_ROAD, RIGHT, ROAD, ahead, behind, c
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import INDICATORS, Affordances
-from drl_av.driving.counterfactual import Motion, affordances_after, motion
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
+from drl_av.learning.experience import Motion, affordances_after, motion
 from drl_av.road.road import Barrier, MandatoryChange
 
 CONFIG = Config()

@@ -73,6 +73,15 @@ def test_the_gap_rule_merges_under_strict_and_its_episode_ends_at_the_end(
     assert last.next_scene.affordances.lane >= 1
 
 
+@pytest.mark.parametrize("seed", [830_002, 830_003, 830_004])
+def test_under_paper_a_fast_ego_that_finds_no_gap_stays_on_the_road(seed: int) -> None:
+    # by rule 1 alone each of the three leaves it at the end of the acceleration lane
+    with closing(HighwayEnv("merge")) as env:
+        assert env.config.safety.check == "paper"
+        *_, last = rollout(env, rule_driver("idm-mobil", env.config), seed)
+    assert last.collision is None
+
+
 def test_vehicles_enter_with_new_names_and_leave(merge: HighwayEnv) -> None:
     merge.reset(seed=3, options={"vehicles": 60})
     before = merge.scene.snapshot

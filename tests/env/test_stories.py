@@ -169,3 +169,5 @@ def test_a_story_is_written_by_its_name_and_changed_by_options(
     said = refused_scenario(capsys, tmp_path, "--from", "stalled_vehicl")
     assert "There is no scenario 'stalled_vehicl' (did you mean 'stalled_vehicle'?)" in said
     assert "none.toml is missing" in refused_scenario(capsys, tmp_path, "--from", "none.toml")
+    twice = ("--from", "stalled_vehicle", "--from", "cut_in")
+    assert "--from is given 2 times" in refused_scenario(capsys, tmp_path, *twice)

@@ -63,7 +63,7 @@ def adapted(trained: Path, quick: str) -> Path:
 
 @pytest.fixture(scope="module")
 def frozen(trained: Path, quick: str) -> Path:
-    """The same traffic without learning."""
+    """The same driver without learning."""
     return adapt(trained, quick, "frozen", "--learning-rate", "0")
 
 
@@ -106,7 +106,7 @@ def test_a_fast_driver_is_adapted_slowly_too() -> None:
     assert learning.learning_rate == 1e-5 < Config().learning.learning_rate
     assert (learning.learning_rate_end_fraction, learning.gradient_steps) == (1.0, 1)
     assert (learning.episodes, learning.counterfactuals, learning.batch_size) == (30_000, 0, 64)
-    assert (learning.round_robin, learning.collisions_to_start) == (True, 64)
+    assert learning.collisions_to_start == 64
 
 
 @pytest.mark.parametrize("replay", ["prioritized", "uniform"])
@@ -147,12 +147,9 @@ def test_what_it_proposes_is_what_the_trained_network_values_most(
     assert {row["epsilon"] for row in rows(frozen)} == {"0.0"}
 
 
-def test_both_meet_the_same_traffic_and_only_one_learns(
+def test_only_the_one_with_a_learning_rate_learns(
     adapted: Path, frozen: Path, trained: Path
 ) -> None:
-    for name in ("seed", "vehicles"):
-        assert [row[name] for row in rows(adapted)] == [row[name] for row in rows(frozen)]
-    assert len({row["seed"] for row in rows(frozen)}) == 5
     before, learnt, same = (tensors(folder) for folder in (trained, adapted, frozen))
     for name in ("online", "first_moment", "second_moment", "step"):
         np.testing.assert_array_equal(same[f"learner.{name}"], before[f"learner.{name}"])

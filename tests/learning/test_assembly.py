@@ -14,12 +14,11 @@ from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import load, save_policy
 from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.mirror import MIRROR, mirrored_observations
-from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError
 from drl_av.learning.run import Run, warm_start
-from drl_av.learning.training import Training, build_training, seed_of_episode
+from drl_av.learning.training import Training, build_training
 
 TOGETHER = (
     Config()
@@ -59,29 +58,6 @@ def test_each_learns_at_every_decision_from_a_batch_of_its_own(env: HighwayEnv) 
     for network in others:
         assert not np.array_equal(network.flat, first.flat)
     assert not np.array_equal(others[0].flat, others[1].flat)
-
-
-def test_in_round_robin_three_networks_make_one_gradient_step_a_decision(env: HighwayEnv) -> None:
-    # the first learns at decisions 1, 4, ..., 19, and in the next episode from its first one on
-    env.config = TOGETHER.updated("learning", round_robin=True)
-    training, found = build_training(env), []
-    for _ in range(2):
-        assert training.run_episode().decisions == 20
-        found.append(steps(training))
-    assert found == [[7, 7, 6], [14, 14, 12]]
-
-
-def test_traffic_by_episode_depends_on_the_seed_and_the_episode_alone(env: HighwayEnv) -> None:
-    given = [seed_of_episode(seed, episode) for seed in (0, 1) for episode in range(1, 10)]
-    assert len(set(given)) == 18
-    assert min(given) >= TRAINING_SEED_RANGE[0]
-    seeds = []
-    for learning_rate in (1e-4, 0.0):
-        own = {"traffic_by_episode": True, "learning_rate": learning_rate}
-        env.config = TOGETHER.updated("learning", **own)
-        training = build_training(env)
-        seeds.append([training.run_episode().seed for _ in range(2)])
-    assert seeds == [given[:2]] * 2
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

@@ -14,7 +14,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import ARRIVED_M, Barrier, FloatArray
 from drl_av.road.snapshot import EGO
 from drl_av.safety.check import Rule, Verdict
-from drl_av.safety.stopping import reach, stopping_distance, travel
+from drl_av.safety.reachability import reach, stopping_distance, travel
 
 Number = Any
 LINE_M = 0.01

@@ -1,7 +1,8 @@
-"""The checks before the end of a lane: it is a vehicle that stands there.
+"""The checks before the end of a lane.
 
-Under ``strict`` the ego at 20 m/s reaches 76.5 m if it accelerates and 65 m if it maintains its
-speed (``test_strict.py``), and must stay 0.5 m short of the end.
+The ego at 20 m/s reaches 76.5 m if it accelerates and 65 m if it maintains its speed
+(``test_strict.py``), and must stay 0.5 m short of the end: under ``strict``, and under ``paper``,
+whose own rules would let it drive on until 40 m are left.
 """
 
 import pytest
@@ -15,54 +16,61 @@ from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import Road
 from drl_av.safety import named_check
-from drl_av.safety.check import Rule
+from drl_av.safety.check import Rule, WholeCheck
+from drl_av.safety.paper import Paper
 from drl_av.safety.strict import Strict
 from drl_av.scenarios.highways import RampToRampDescription
 
 CONFIG = Config()
 STRICT = Strict(CONFIG.strict, CONFIG.ego, CONFIG.simulation)
-PAPER = named_check(CONFIG)
+PAPER = named_check(CONFIG, road=MERGE)
+BOTH = pytest.mark.parametrize("check", [STRICT, PAPER], ids=["strict", "paper"])
 ACCELERATE, MAINTAIN = Longitudinal.ACCELERATE, Longitudinal.MAINTAIN
 
 WAY = RampToRampDescription().plan().road
 """An acceleration lane that ends at 750 m, and an off-ramp that parts at 1,750 m."""
 
 
-def before_the_end(gap_m: float, speed_m_s: float = 20.0) -> Scene:
+def before_the_end(gap_m: float, speed_m_s: float = 20.0, *cars: Car) -> Scene:
     """The ego on the acceleration lane, which ends at 800 m."""
-    return scene(s_m=800.0 - gap_m - 2.5, y_m=RIGHT, speed_m_s=speed_m_s, road=MERGE)
+    return scene(*cars, s_m=800.0 - gap_m - 2.5, y_m=RIGHT, speed_m_s=speed_m_s, road=MERGE)
 
 
+@BOTH
 @pytest.mark.parametrize(
     ("gap_m", "how"),
     [(77.1, ACCELERATE), (76.9, MAINTAIN), (65.4, Longitudinal.BRAKE), (45.0, Longitudinal(3))],
 )
-def test_strict_keeps_the_ego_able_to_stop_before_the_lane_ends(
-    gap_m: float, how: Longitudinal
+def test_each_check_keeps_the_ego_able_to_stop_before_the_lane_ends(
+    check: WholeCheck, gap_m: float, how: Longitudinal
 ) -> None:
-    verdict = STRICT(before_the_end(gap_m), Action(Lateral.KEEP, ACCELERATE))
+    verdict = check(before_the_end(gap_m), Action(Lateral.KEEP, ACCELERATE))
     assert verdict.action == Action(Lateral.KEEP, how)
+    assert bool(verdict.rule) is (how is not ACCELERATE)
 
 
-def test_strict_lets_the_ego_leave_the_lane_while_it_could_still_stop_in_it() -> None:
+@BOTH
+def test_the_ego_may_leave_the_lane_while_it_could_still_stop_in_it(check: WholeCheck) -> None:
     left = Action(Lateral.LEFT, MAINTAIN)
-    assert STRICT(before_the_end(66.0), left).rule is Rule.NONE
-    assert STRICT(before_the_end(65.0), left).action != left
+    assert check(before_the_end(66.0), left).rule is Rule.NONE
+    assert check(before_the_end(65.0), left).action != left
 
 
-def test_strict_stops_before_the_end_of_a_lane_on_the_left_too() -> None:
+@BOTH
+def test_each_check_stops_before_the_end_of_a_lane_on_the_left_too(check: WholeCheck) -> None:
     for gap_m, how in ((77.1, ACCELERATE), (76.9, MAINTAIN)):
         near = scene(s_m=900.0 - gap_m - 2.5, y_m=4 * LANE_M, road=NARROWING)
-        assert STRICT(near, Action(Lateral.KEEP, ACCELERATE)).action.longitudinal is how
-        assert STRICT(near, Action(Lateral.RIGHT, how)).rule is Rule.NONE
+        assert check(near, Action(Lateral.KEEP, ACCELERATE)).action.longitudinal is how
+        assert check(near, Action(Lateral.RIGHT, how)).rule is Rule.NONE
 
 
-def test_strict_forbids_a_lane_change_that_the_gore_would_cut_off() -> None:
+@BOTH
+def test_no_lane_change_is_permitted_that_the_gore_would_cut_off(check: WholeCheck) -> None:
     right = Action(Lateral.RIGHT, MAINTAIN)
     far, near = (scene(s_m=1150.0 - gap, y_m=LANE_M, road=EXIT) for gap in (69.0, 67.0))
-    assert STRICT(far, right).rule is Rule.NONE
-    assert STRICT(near, right).rule is Rule.LANE_CHANGE
-    assert STRICT(near, Action(Lateral.KEEP, MAINTAIN)).rule is Rule.NONE  # straight on is free
+    assert check(far, right).rule is Rule.NONE
+    assert check(near, right).rule is Rule.LANE_CHANGE
+    assert check(near, Action(Lateral.KEEP, MAINTAIN)).rule is Rule.NONE  # straight on is free
 
 
 def test_no_check_lets_the_ego_cross_the_divider_of_the_ramp() -> None:
@@ -71,12 +79,45 @@ def test_no_check_lets_the_ego_cross_the_divider_of_the_ramp() -> None:
         assert check(on_the_ramp, Action(Lateral.LEFT, MAINTAIN)).rule is Rule.OFF_ROAD
 
 
-def test_rule_1_brakes_before_the_end_of_the_lane() -> None:
-    # closing 20 m/s: T_C is 2 s at 40 m, and 3 s at 60 m
-    for gap_m, how in ((39.0, Longitudinal.HARD_BRAKE), (59.0, Longitudinal.BRAKE)):
-        verdict = PAPER(before_the_end(gap_m), Action(Lateral.KEEP, ACCELERATE))
-        assert verdict.action.longitudinal is how
-        assert verdict.rule is Rule.IN_LANE
+def test_rule_1_alone_would_brake_too_late_for_the_end_of_a_lane() -> None:
+    # closing 29 m/s: T_C is 3 s at 87 m, but the ego needs 29 * 29 / (2 * 4) = 105 m
+    near = before_the_end(100.0, speed_m_s=29.0)
+    keep = Action(Lateral.KEEP, MAINTAIN)
+    assert Paper(CONFIG.safety)(near, keep).rule is Rule.NONE
+    assert PAPER(near, keep).action.longitudinal is Longitudinal.HARD_BRAKE
+
+
+def test_an_ego_that_stands_at_the_end_of_its_lane_may_leave_it_under_paper() -> None:
+    # rule 3 would want 15 m ahead in its own lane, if the end were a vehicle
+    left = Action(Lateral.LEFT, Longitudinal.BRAKE)
+    assert Paper(CONFIG.safety)(before_the_end(5.0, 0.0), left).rule is Rule.LANE_CHANGE
+    assert PAPER(before_the_end(5.0, 0.0), left) == (left, Rule.NONE)
+    other = before_the_end(5.0, 0.0, Car(10.0, LANE_M, 0.0))
+    assert PAPER(other, left).rule is Rule.LANE_CHANGE
+
+
+def test_a_vehicle_before_the_end_of_the_lane_is_braked_for_by_rule_1() -> None:
+    # 39 m at 20 m/s are 1.95 s, although 200 m are left to the end
+    near = before_the_end(200.0, 20.0, Car(44.0, RIGHT, 0.0))
+    assert PAPER(near, Action(Lateral.KEEP, ACCELERATE)).action.longitudinal is Longitudinal(3)
+
+
+def test_a_lane_change_out_of_a_lane_that_ends_is_not_turned_back_into_it_too_late() -> None:
+    # its centre is across, but the vehicle behind is too near; to stop it needs 105.5 m
+    change = LaneChange(0, 1)
+    for gap_m, side in ((105.6, Lateral.RIGHT), (105.4, Lateral.LEFT)):
+        now = scene(
+            Car(-12.0, LANE_M, 30.0),
+            s_m=800.0 - gap_m - 2.5,
+            y_m=LANE_M / 2 + 0.1,
+            speed_m_s=30.0,
+            v_y=0.76,
+            road=MERGE,
+            lane_change=change,
+        )
+        verdict = PAPER(now, Action(Lateral.LEFT, Longitudinal.HARD_BRAKE))
+        assert verdict.action.lateral is side
+        assert verdict.rule is (Rule.NONE if side is Lateral.LEFT else Rule.LANE_CHANGE)
 
 
 def test_rule_3_forbids_a_change_to_a_lane_that_ends_soon() -> None:
@@ -86,9 +127,10 @@ def test_rule_3_forbids_a_change_to_a_lane_that_ends_soon() -> None:
     assert PAPER(farther, Action(Lateral.RIGHT, MAINTAIN)).rule is Rule.NONE
 
 
-@given(st.data())
-def test_under_strict_no_actions_take_the_ego_off_a_road_whose_lanes_end(
-    data: st.DataObject,
+@BOTH
+@given(data=st.data())
+def test_no_actions_take_the_ego_off_a_road_whose_lanes_end(
+    check: WholeCheck, data: st.DataObject
 ) -> None:
     road, start_m, lane = data.draw(
         st.sampled_from(
@@ -105,7 +147,7 @@ def test_under_strict_no_actions_take_the_ego_off_a_road_whose_lanes_end(
     assume(STRICT.fallback_is_free(_alone(road, s_m, y_m, speed, v_y, change)))
     for _ in range(25):
         now = _alone(road, s_m, y_m, speed, v_y, change)
-        action = STRICT(now, data.draw(st.sampled_from(ACTIONS))).action
+        action = check(now, data.draw(st.sampled_from(ACTIONS))).action
         commands, change = plan(now, action, CONFIG.ego, CONFIG.simulation)
         for command in commands:
             s_m += command.speed_m_s * CONFIG.simulation.step_length_s

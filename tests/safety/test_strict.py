@@ -40,8 +40,7 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
-from drl_av.safety.reachability import lateral_extent, stays_behind
-from drl_av.safety.stopping import reach
+from drl_av.safety.reachability import lateral_extent, reach, stays_behind
 from drl_av.safety.strict import Strict, covered, fallback_lanes, seconds_to_line
 from studies.options import FOLDER, Options
 from studies.study import FileStudy

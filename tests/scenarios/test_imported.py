@@ -472,7 +472,7 @@ def test_the_folder_of_another_person_is_checked_before_sumo_opens_it(
     more = '<edge id="x" from="n0" to="n1"><lane id="x_0" index="0" speed="9" length="9"/></edge>'
     with pytest.raises(ScenarioError, match=r"has other lanes than described, one is 'x_0'"):
         load_scenario(changed(net, "</net>", f"{more}</net>"))
-    with pytest.raises(ScenarioError, match=r"lane '264308375_0' for some kinds of vehicles only"):
+    with pytest.raises(ScenarioError, match=r"has disallow 'bus' on lane '264308375_0', not None"):
         load_scenario(changed(net, 'id="264308375_0"', 'id="264308375_0" disallow="bus"'))
     with pytest.raises(
         ScenarioError, match=r"it has an element <tlLogic>, which no scenario needs"

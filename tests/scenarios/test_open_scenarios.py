@@ -180,7 +180,11 @@ def test_the_command_writes_a_kind_as_it_ships(kind: str, folder: Callable[[str]
         ('fromLane="1" toLane="0"', 'fromLane="1" toLane="1"', r"leads its lanes on otherwise"),
         ('length="250.000000"', 'length="240.0"', r"has length 240.0 on lane 'beside_0', not 250"),
         ('width="3.800000"', 'width="wide"', r"has width wide on lane"),
-        ('id="ramp_0"', 'id="ramp_0" disallow="bus"', r"for some kinds of vehicles only"),
+        (
+            'id="ramp_0"',
+            'id="ramp_0" disallow="bus"',
+            r"has disallow 'bus' on lane 'ramp_0', not None",
+        ),
     ],
 )
 def test_a_network_that_is_not_the_described_road_is_refused(

@@ -16,11 +16,10 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.random_streams import Stream, generator
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, draw_types
-from drl_av.scenarios.description_file import from_toml
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
-from drl_av.scenarios.road_types import ROAD_TYPES
+from drl_av.scenarios.road_types import ROAD_TYPES, from_toml
 
 TRUCK = CustomVehicleType("truck", 0.3, 14.0, 2.5)
 TAXI = CustomVehicleType("taxi", 0.2, 4.5, 1.7, "Krauss")

@@ -44,11 +44,11 @@ DEVICE = '<param key="device.fcd-replay.file" value="x"/></vType>\n</additional>
         (NETWORK_FILE, "</edge>", '</edge><lane id="e0_0" index="0"/>', "<lane> outside of <edge>"),
         (NETWORK_FILE, "</edge>", '<edge id="x"/></edge>', "<edge> outside of <net>"),
         (NETWORK_FILE, "</edge>", "<net/></edge>", "<net> in <edge>"),
-        (NETWORK_FILE, LANE_0, LANE_0 + ' allow="bus"', "'e0_0' for some kinds of vehicles only"),
-        (NETWORK_FILE, LANE_0, LANE_0 + ' disallow="bus"', "'e0_0' for some kinds"),
-        (NETWORK_FILE, LANE_1, LANE_0, "has no lane 1 in its place on edge 'e0'"),
-        (NETWORK_FILE, LANE_0, '<lane id="e0_0" index="-1"', "has no lane 0 in its place"),
-        (NETWORK_FILE, LANE_0, '<lane id="e0_0" index="99999999999"', "no lane 0 in its place"),
+        (NETWORK_FILE, LANE_0, LANE_0 + ' allow="bus"', "allow 'bus' on lane 'e0_0', not None"),
+        (NETWORK_FILE, LANE_0, LANE_0 + ' disallow="bus"', "disallow 'bus' on lane 'e0_0'"),
+        (NETWORK_FILE, LANE_1, LANE_0, "has other lanes than described, one is 'e0_0'"),
+        (NETWORK_FILE, LANE_0, '<lane id="e0_0" index="-1"', "one is 'e0_0'"),
+        (NETWORK_FILE, LANE_0, '<lane id="e0_0" index="99999999999"', "one is 'e0_0'"),
     ],
 )
 def test_what_no_scenario_needs_is_refused_in_one_sentence(

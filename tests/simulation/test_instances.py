@@ -20,8 +20,8 @@ from programs import python
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import SimulationError
-from drl_av.simulation import instances
-from drl_av.simulation.instances import Instance, acquire
+from drl_av.simulation import sumo
+from drl_av.simulation.sumo import Instance, acquire
 
 CONFIG = Config().updated("simulation", decisions_per_episode=12)
 INSTALLED = Path(libsumo.__file__).parent
@@ -41,7 +41,7 @@ def no_copies_yet(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a process whose environments were one at a time so far."""
     gc.collect()
     assert not libsumo.isLoaded()
-    monkeypatch.setattr(instances, "_instances", [Instance(libsumo)])
+    monkeypatch.setattr(sumo, "_instances", [Instance(libsumo)])
 
 
 def states(env: HighwayEnv) -> bytes:
@@ -124,7 +124,7 @@ def test_an_environment_that_is_forgotten_leaves_its_copy(make: Make, no_copies_
     for _ in range(3):
         HighwayEnv(config=CONFIG).reset(seed=1)
         gc.collect()
-    assert len(instances._instances) == 2
+    assert len(sumo._instances) == 2
 
 
 def test_every_copy_raises_the_errors_that_a_program_of_libsumo_expects(make: Make) -> None:
@@ -204,15 +204,15 @@ def test_a_forked_child_drives_on_and_so_does_its_parent(make: Make) -> None:
 KILLED = """
 import os, signal
 from drl_av.env.highway import HighwayEnv
-from drl_av.simulation import instances
-def copy_and_be_killed(source, target, copy=instances._copy):
+from drl_av.simulation import sumo
+def copy_and_be_killed(source, target, copy=sumo._copy):
     copy(source, target)
     os.kill(os.getpid(), signal.SIGKILL)
 envs = [HighwayEnv() for _ in range(3)]
 envs[0].reset(seed=1)
 envs[1].reset(seed=1)
 print("driving", flush=True)
-instances._copy = copy_and_be_killed
+sumo._copy = copy_and_be_killed
 envs[2].reset(seed=1)
 """
 
@@ -229,7 +229,7 @@ def test_where_open_files_have_no_path_a_copy_is_a_file_until_it_is_loaded(
     make: Make, no_copies_yet: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = {*INSTALLED.iterdir()}
-    monkeypatch.setattr(instances, "OPEN_FILES", Path("/no/such/folder"))
+    monkeypatch.setattr(sumo, "OPEN_FILES", Path("/no/such/folder"))
     monkeypatch.delattr(os, "copy_file_range")
     wanted = [alone(1), alone(2)]
     assert interleaved(drive(make(), 1), drive(make(), 2)) == wanted
@@ -242,7 +242,7 @@ def test_if_libsumo_cannot_be_copied_the_error_of_the_second_names_a_remedy(
     def full(*files: object) -> None:
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(instances, "_copy", full)
+    monkeypatch.setattr(sumo, "_copy", full)
     first, second = make(), make()
     wanted = alone(2)
     begun = drive(first, 1)
@@ -262,7 +262,7 @@ import os, sys
 from contextlib import contextmanager
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import SimulationError
-from drl_av.simulation import instances
+from drl_av.simulation import sumo
 @contextmanager
 def linked(file, folder, number):
     os.symlink(file, sys.argv[2])
@@ -270,7 +270,7 @@ def linked(file, folder, number):
 if sys.argv[1] == "RTLD_GLOBAL":
     sys.setdlopenflags(os.RTLD_NOW | os.RTLD_GLOBAL)
 else:
-    instances._copied_file = linked
+    sumo._copied_file = linked
 first, second = HighwayEnv(), HighwayEnv()
 first.reset(seed=1)
 try:

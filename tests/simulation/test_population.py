@@ -178,13 +178,18 @@ def test_no_scenario_of_placed_vehicles_is_written_without_an_ego(tmp_path: Path
 
 
 def shares(
-    finite_state: float, level_0: float, level_1: float, hard_braking: float = 0.0
+    finite_state: float,
+    level_0: float,
+    level_1: float,
+    hard_braking: float = 0.0,
+    level_2: float = 0.0,
 ) -> TrafficConfig:
     return TrafficConfig(
         finite_state_share=finite_state,
         level_0_share=level_0,
         level_1_share=level_1,
         hard_braking_share=hard_braking,
+        level_2_share=level_2,
     )
 
 
@@ -195,6 +200,7 @@ def shares(
         (shares(0, 1, 0), DriverModel.LEVEL_0),
         (shares(0, 0, 1), DriverModel.LEVEL_1),
         (shares(0, 0, 0, 1), DriverModel.HARD_BRAKING),
+        (shares(0, 0, 0, 0, 1), DriverModel.LEVEL_2),
     ],
 )
 @given(seed=st.integers(0, 2**40))
@@ -205,11 +211,11 @@ def test_a_share_of_1_is_every_vehicle_but_the_ego(
 
 
 def test_kinds_come_in_their_shares_with_sumo_for_the_rest() -> None:
-    mix = shares(0.2, 0.1, 0.3, 0.1)
+    mix = shares(0.2, 0.1, 0.2, 0.1, 0.1)
     kinds = np.concatenate([draw_driver_models(seed, 31, mix)[1:] for seed in range(300)])
     found = np.bincount(kinds, minlength=len(DriverModel)) / len(kinds)
     # 9,000 draws: a standard deviation of at most 0.0053
-    np.testing.assert_allclose(found, [0.3, 0.2, 0.1, 0.3, 0.1], atol=0.025)
+    np.testing.assert_allclose(found, [0.3, 0.2, 0.1, 0.2, 0.1, 0.1], atol=0.025)
 
 
 @given(st.integers(0, 2**40))

@@ -37,11 +37,7 @@ LAST = 9
 
 @pytest.fixture(autouse=True)
 def _few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(learning_curves, "SEEDS", 2)
-    monkeypatch.setattr(learning_curves, "EPISODES", 6)
-    changes = {"paper": learning_curves.CHANGES["paper"]}
-    monkeypatch.setattr(learning_curves, "CHANGES", changes)
-    monkeypatch.setattr(learning_curves, "WHOLE", {"paper": 1})
+    monkeypatch.setattr(learning_curves, "EPISODES", {"paper": (12, 6)})
 
 
 def options(folder: Path, **changes: Any) -> Options:
@@ -129,7 +125,7 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
     assert trained(elsewhere) == []
     assert not asked
     assert (tmp_path / "curves.csv").read_bytes() == before
-    monkeypatch.setattr(learning_curves, "EPISODES", 9)
+    monkeypatch.setattr(learning_curves, "EPISODES", {"paper": (12, 9)})
     with pytest.raises(DrlAvError, match=r"paper-1 lacks rows .* up to episode 9"):
         trained(elsewhere)
     assert asked == [("paper-1", 9)]
@@ -222,8 +218,6 @@ def test_both_begin_as_the_shipped_driver_trained_again_and_only_one_of_them_lea
     assert list(changed.values()) == [False, True, False]
     # what is driven since comes on top of the training's own experience
     assert all(remembered[name] > remembered[names[0]] > 15 for name in names[1:])
-    seeds = [[row["seed"] for row in read_rows(runs / name / "episodes.csv")] for name in names[1:]]
-    assert seeds[0] == seeds[1]
     policy = checksum(runs / "pretrained-1" / "policy.safetensors")
     facts = json.loads((tmp_path / "adaptation.json").read_text())
     assert facts["policies_sha256"]["pretrained-1"] == policy
@@ -342,3 +336,25 @@ def test_a_curve_goes_as_far_as_every_seed() -> None:
     assert found.episodes == [100]
     assert found.values.tolist() == [[-1.0], [-3.0]]
     assert found.means[0].value == -2
+
+
+def test_the_trainings_of_the_first_seed_come_first_and_each_traffic_is_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted = {"paper": (10_000,), "mixed_permit_all": (10_000, 3000), "mixed_uniform": (500,)}
+    monkeypatch.setattr(learning_curves, "EPISODES", wanted)
+    [rows] = learning_curves.curve_plan(Options(runs=tmp_path)).trainings
+    jobs = [each.job for each in rows]
+    assert [(job.name, job.stop) for job in jobs] == [
+        ("paper-0", 10_000),
+        ("mixed_permit_all-0", 10_000),
+        ("mixed_uniform-0", 500),
+        ("mixed_permit_all-1", 3000),
+    ]
+    worlds = [job.config.simulation.world for job in jobs]
+    assert worlds == ["sumo", "twin", "twin", "twin"]
+    shares = [job.config.traffic.level_1_share for job in jobs]
+    assert shares == [0.0, 0.25, 0.25, 0.25]
+    checks = [job.config.safety.check for job in jobs]
+    assert checks == ["paper", "permit_all", "paper", "permit_all"]
+    assert jobs[2].config.learning.replay == "uniform"

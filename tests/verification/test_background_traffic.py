@@ -25,7 +25,7 @@ def test_idm_that_brakes_too_late_is_found_and_named_once() -> None:
 
 @pytest.mark.parametrize("mix", ["clam", "0.5,0.5"])
 def test_a_mix_that_is_none_is_refused(mix: str) -> None:
-    with pytest.raises(ConfigError, match=r"but must be one of calm, .* or three shares"):
+    with pytest.raises(ConfigError, match=r"but must be one of calm, .* or four shares"):
         with_mix(mix)
 
 

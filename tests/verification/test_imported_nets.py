@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from nets import Part, chain
 
+from drl_av.errors import ConfigError
 from drl_av.sumo_programs import sumo_module
 from verification.imported_nets import (
     Drive,
@@ -15,6 +16,7 @@ from verification.imported_nets import (
     longest_way,
     main,
     reason,
+    results_of,
     routes_of,
     summary,
     table,
@@ -88,3 +90,9 @@ def test_the_program_imports_and_drives_each_route(
     assert "two/own.net.xml" not in said  # it has the edges of the copy
     assert "2 routes, 2 km: 1 are read (50%), 1 km" in said
     assert "ego hits 0, was hit 0, unreported overlaps 0" in said
+
+
+def test_a_file_that_is_no_network_ends_the_program_with_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "pointer.net.xml").write_text("version https://git-lfs.github.com/spec/v1")
+    with pytest.raises(ConfigError, match=r"pointer.net.xml is no SUMO network \(syntax error\)"):
+        [*results_of(tmp_path, 0)]

@@ -1,6 +1,6 @@
 """Models the distances that vehicles cover, such as stopping distances, by linear pieces.
 
-The distances are those that ``drl_av/safety/stopping.py`` computes.
+The distances are those that ``drl_av/safety/reachability.py`` computes.
 
 The functions work on terms of Z3, on fractions and on arrays; their argument ``largest`` is the
 function that returns the largest of several such numbers. Distances are in m, speeds in m/s.

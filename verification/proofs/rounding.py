@@ -16,8 +16,7 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.driving.actions import Longitudinal
-from drl_av.safety.reachability import required_travel, stopping_limit
-from drl_av.safety.stopping import reach
+from drl_av.safety.reachability import reach, required_travel, stopping_limit
 from verification.proofs.argument import Argument
 
 UNIT = Fraction(1, 2**53)

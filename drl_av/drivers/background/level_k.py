@@ -1,4 +1,4 @@
-"""Level-k drivers of the traffic: level 0 follows a rule; level 1 responds best to level 0.
+"""Level-k drivers of the traffic: level 0 follows a rule; level k responds best to level k - 1.
 
 Source: Li, Oyler, Zhang, Yildiz, Kolmanovsky and Girard 2017. The rule of level 0 is that of Albaba
 and Yildiz 2020. The accelerations are those of the ego's actions.
@@ -20,8 +20,8 @@ from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.road.road import CENTERED_M, FloatArray, Road
 from drl_av.safety.paper import SafetyNumbers, is_clear
 
-LEVEL_1 = Path(__file__).parents[2] / "pretrained" / "level_1"
-"""Folder of the shipped level-1 policy, in the layout of a run's folder."""
+LEVELS = {k: Path(__file__).parents[2] / "pretrained" / f"level_{k}" for k in (1, 2)}
+"""Folders of the shipped level-1 and level-2 policies, in the layout of a run's folder."""
 
 LEVEL_0 = (
     *(HARD_BRAKE, BRAKE, MAINTAIN),
@@ -53,8 +53,8 @@ def level_0(values: FloatArray, codes: IntArray, config: Level0Config | Level0Nu
     return LEVEL_0[3 * distance + motion]
 
 
-class Level1Numbers(NamedTuple):
-    """The level-1 driver: the greedy policy of a network that was trained in level-0 traffic.
+class LevelKNumbers(NamedTuple):
+    """A level-k driver: the greedy policy of a network that was trained in level-(k - 1) traffic.
 
     Unlike the learned drivers of the ego, the driver uses no mirror images and no margins.
     """
@@ -73,7 +73,7 @@ class Level1Numbers(NamedTuple):
     """The number of units of the widest layer, the inputs included."""
 
 
-NO_LEVEL_1 = Level1Numbers(
+NO_LEVEL_K = LevelKNumbers(
     layers=3 * ((np.zeros((0, 0), np.float32), np.zeros(0, np.float32)),),
     range_m=0.0,
     offset=np.zeros(0),
@@ -86,10 +86,10 @@ NO_LEVEL_1 = Level1Numbers(
 """Takes the place of the driver in traffic without any; its types are the usual ones."""
 
 
-def level_1_numbers(layers: Layers, config: Config, road: Road) -> Level1Numbers:
+def level_k_numbers(layers: Layers, config: Config, road: Road) -> LevelKNumbers:
     """Return the driver of a network; ``config`` is the config of its training."""
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-    return Level1Numbers(
+    return LevelKNumbers(
         layers=tuple((np.ascontiguousarray(weight.T), bias.copy()) for weight, bias in layers),
         range_m=float(config.observation.range_m),
         offset=scale.offset,
@@ -104,11 +104,11 @@ def level_1_numbers(layers: Layers, config: Config, road: Road) -> Level1Numbers
 
 
 @borrowing
-def level_1(
+def level_k(
     values: FloatArray,
     codes: IntArray,
     lane_width_m: float,
-    driver: Level1Numbers,
+    driver: LevelKNumbers,
     units: Float32Array,
 ) -> tuple[float, int]:
     """Return the acceleration, m/s^2, and the lane change with the greatest Q-value.
@@ -164,20 +164,26 @@ def layer(
         row += 1
 
 
-def load_level_1(road: Road, folder: Path = LEVEL_1) -> Level1Numbers:
-    """Load the level-1 driver of the background traffic from the policy in a run's folder.
+def load_level_k(road: Road, level: int, folder: Path | None = None) -> LevelKNumbers:
+    """Load the driver of a level, 1 or 2, of the background traffic.
+
+    Args:
+        road: The road of the traffic.
+        level: The driver's level.
+        folder: A run's folder with the policy; None for the shipped one.
 
     Raises:
         CheckpointError: the policy file is missing or damaged, holds several networks, or does not
             match the config in the folder.
     """
     try:
-        networks, config = load_run(folder)
+        networks, config = load_run(folder or LEVELS[level])
         if len(networks) > 1:
             raise CheckpointError(f"{folder} holds {len(networks)} networks, not one")
     except DrlAvError as error:
         raise CheckpointError(
-            f"The level-1 driver of the traffic cannot be read ({str(error).removesuffix('.')}): "
-            "train it again with make level_1, or set traffic.level_1_share to 0."
+            f"The level-{level} driver of the traffic cannot be read "
+            f"({str(error).removesuffix('.')}): train it again with make level_{level}, or set "
+            f"traffic.level_{level}_share to 0."
         ) from error
-    return level_1_numbers(networks[0].layers, config, road)
+    return level_k_numbers(networks[0].layers, config, road)

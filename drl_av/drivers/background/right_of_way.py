@@ -11,7 +11,7 @@ from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.driving.affordances import IntArray
 from drl_av.road.road import FloatArray
 from drl_av.road.road_numbers import ahead_m, lane_of
-from drl_av.safety.stopping import stopping_distance
+from drl_av.safety.reachability import stopping_distance
 
 
 @compiled

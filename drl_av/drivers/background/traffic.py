@@ -14,12 +14,12 @@ from drl_av.drivers.background.finite_state import (
     looks_aside,
 )
 from drl_av.drivers.background.level_k import (
-    NO_LEVEL_1,
+    NO_LEVEL_K,
     Level0Numbers,
-    Level1Numbers,
+    LevelKNumbers,
     level_0,
-    level_1,
-    load_level_1,
+    level_k,
+    load_level_k,
 )
 from drl_av.drivers.background.right_of_way import give_way
 from drl_av.drivers.network import Float32Array
@@ -37,9 +37,10 @@ ORDER = (
     DriverModel.LEVEL_0,
     DriverModel.LEVEL_1,
     DriverModel.HARD_BRAKING,
+    DriverModel.LEVEL_2,
 )
 """The order of the commands, and so of the priority of the vehicles in ``give_way``."""
-LEVEL_0, LEVEL_1 = DriverModel.LEVEL_0.value, DriverModel.LEVEL_1.value
+LEVEL_0, LEVEL_1, LEVEL_2 = (DriverModel[f"LEVEL_{k}"].value for k in range(3))
 
 
 class TrafficNumbers(NamedTuple):
@@ -49,7 +50,8 @@ class TrafficNumbers(NamedTuple):
     range_m: float
     machine: FiniteStateNumbers
     table: Level0Numbers
-    network: Level1Numbers
+    level_1: LevelKNumbers
+    level_2: LevelKNumbers
     ego: EgoNumbers
     braking_m_s2: float
     """The hardest braking of the vehicles."""
@@ -58,18 +60,20 @@ class TrafficNumbers(NamedTuple):
 
 
 def traffic_numbers(config: Config, road: Road, vehicle_types: VehicleTypes) -> TrafficNumbers:
-    """Return the numbers of a config, with the shipped level-1 driver if there is any.
+    """Return the numbers of a config, with the shipped level-k drivers that the traffic has.
 
     Raises:
-        CheckpointError: the level-1 driver cannot be read.
+        CheckpointError: a level-k driver cannot be read.
     """
-    timing, shares = config.simulation, [k.traffic.level_1_share for k in config.per_traffic_preset]
+    timing, kinds = config.simulation, [each.traffic for each in config.per_traffic_preset]
+    has_1, has_2 = any(k.level_1_share for k in kinds), any(k.level_2_share for k in kinds)
     return TrafficNumbers(
         road=road_numbers(road),
         range_m=float(config.observation.range_m),
         machine=numbers(FiniteStateNumbers, config.finite_state),
         table=numbers(Level0Numbers, config.level_0),
-        network=load_level_1(road) if any(shares) else NO_LEVEL_1,
+        level_1=load_level_k(road, 1) if has_1 else NO_LEVEL_K,
+        level_2=load_level_k(road, 2) if has_2 else NO_LEVEL_K,
         ego=ego_numbers(config.ego, timing),
         braking_m_s2=float(vehicle_types.traffic.braking_m_s2),
         times_s=(float(timing.decision_interval_s), float(timing.step_length_s)),
@@ -146,7 +150,7 @@ def decide(
     scratch = (
         np.empty(VALUES),
         np.empty(CODES, np.int64),
-        np.empty((2, traffic.network.units), np.float32),
+        np.empty((2, max(traffic.level_1.units, traffic.level_2.units)), np.float32),
         np.empty(n, np.int64),
         np.empty(n, np.int64),
     )
@@ -174,8 +178,10 @@ def decide_each(
     moving = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
     for row in rows:
         model, state, desired = models[row], states[row], desired_m_s[row]
-        sees_all = model == LEVEL_1
-        range_m = traffic.network.range_m if sees_all else traffic.range_m
+        is_level_k = model in (LEVEL_1, LEVEL_2)
+        sees_all = is_level_k
+        driver = traffic.level_2 if model == LEVEL_2 else traffic.level_1
+        range_m = driver.range_m if sees_all else traffic.range_m
         while True:
             seen = range_m, row, sees_all, values, codes
             find_nearest(s_m, y_m, length_m, width_m, road_m, along, *seen)
@@ -185,10 +191,8 @@ def decide_each(
             sees_all = looks_aside(values, codes, lane_m, state, desired, machine)
             if not sees_all:
                 break
-        if model == LEVEL_1:
-            acceleration_m_s2[row], side[row] = level_1(
-                values, codes, lane_m, traffic.network, units
-            )
+        if is_level_k:
+            acceleration_m_s2[row], side[row] = level_k(values, codes, lane_m, driver, units)
         elif model == LEVEL_0:
             action = level_0(values, codes, traffic.table)
             acceleration_m_s2[row], side[row] = acceleration_of(action, traffic.ego), 0

@@ -1,4 +1,4 @@
-"""Level 0 drives by a table of nine cases, level 1 by a network evaluated for all at once."""
+"""Level 0 drives by a table of nine cases, levels 1 and 2 by a network each."""
 
 from pathlib import Path
 
@@ -8,13 +8,13 @@ from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, seen_from, sna
 
 from drl_av.config import Config
 from drl_av.drivers.background.level_k import (
-    LEVEL_1,
-    Level1Numbers,
+    LEVELS,
+    LevelKNumbers,
     layer,
     level_0,
-    level_1,
-    level_1_numbers,
-    load_level_1,
+    level_k,
+    level_k_numbers,
+    load_level_k,
 )
 from drl_av.drivers.network import Layers, QNetwork, forward
 from drl_av.drivers.policy_file import save_policy
@@ -28,13 +28,13 @@ CONFIG = Config()
 ACCELERATE, MAINTAIN, BRAKE, HARD_BRAKE = 2.0, 0.0, -2.0, -4.0
 
 
-def decisions(driver: Level1Numbers, shot: Snapshot) -> tuple[list[float], list[int]]:
+def decisions(driver: LevelKNumbers, shot: Snapshot) -> tuple[list[float], list[int]]:
     """The accelerations and the lane changes that each vehicle wants as a level-1 driver."""
     wanted = []
     for row in range(len(shot.ids)):
         values, codes, *_ = compute_affordances(seen_from(shot, row), ROAD, 250.0).arrays()
         units = np.empty((2, driver.units), np.float32)
-        wanted.append(level_1(values, codes, ROAD.lane_width_m, driver, units))
+        wanted.append(level_k(values, codes, ROAD.lane_width_m, driver, units))
     accelerations, sides = zip(*wanted, strict=True)
     return list(accelerations), list(sides)
 
@@ -87,7 +87,7 @@ def test_level_1_wants_what_the_action_of_the_greatest_value_says(action: object
     shot = snapshot(ahead(50.0))
     side = (0, -1, 1)[number // 4]
     acceleration = (MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE)[number % 4]
-    found = decisions(level_1_numbers(always(number), CONFIG, ROAD), shot)
+    found = decisions(level_k_numbers(always(number), CONFIG, ROAD), shot)
     assert found == ([acceleration, acceleration], [side, side])
 
 
@@ -96,7 +96,7 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     number: int, sides: list[int]
 ) -> None:
     shot = snapshot(Car(50.0, RIGHT), Car(100.0, LEFT), Car(150.0, CENTER + 0.76))
-    assert decisions(level_1_numbers(always(number), CONFIG, ROAD), shot)[1] == sides
+    assert decisions(level_k_numbers(always(number), CONFIG, ROAD), shot)[1] == sides
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_level_1_changes_neither_off_the_road_nor_while_it_is_changing(
     ],
 )
 def test_level_1_changes_lanes_where_rule_3_permits_it(others: tuple[Car, ...], side: int) -> None:
-    driver = level_1_numbers(always(8), CONFIG, ROAD)
+    driver = level_k_numbers(always(8), CONFIG, ROAD)
     assert decisions(driver, snapshot(*others))[1][0] == side
 
 
@@ -140,7 +140,7 @@ def test_level_1_decides_as_the_network_of_a_run_sees_it(run: Path) -> None:
     best = np.array([forward(layers, row)[1].argmax() for row in observations])
     assert len(set(best % 4)) > 1
     meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[best % 4]
-    assert decisions(load_level_1(ROAD, run), shot)[0] == meant.tolist()
+    assert decisions(load_level_k(ROAD, 1, run), shot)[0] == meant.tolist()
 
 
 def test_a_layer_adds_up_the_inputs_in_their_order_compiled_or_not() -> None:
@@ -178,10 +178,12 @@ def test_level_1_that_cannot_be_read_is_reported_in_one_sentence(run: Path, harm
         (run / "config.toml").write_text(several.to_toml())
     message = rf"^The level-1 driver of the traffic cannot be read \(.*{reason}.*\): train .*make"
     with pytest.raises(CheckpointError, match=message):
-        load_level_1(ROAD, run)
+        load_level_k(ROAD, 1, run)
 
 
-def test_level_1_ships_with_the_package_and_was_trained_among_level_0_alone() -> None:
-    assert load_level_1(ROAD, LEVEL_1).range_m == 250.0
-    text = (LEVEL_1 / "config.toml").read_text()
-    assert "level_0_share = 1.0" in text
+@pytest.mark.parametrize("level", [1, 2])
+def test_a_level_ships_with_the_package_and_was_trained_among_the_level_below(level: int) -> None:
+    assert load_level_k(ROAD, level).range_m == 250.0
+    text = (LEVELS[level] / "config.toml").read_text()
+    assert f"\nlevel_{level - 1}_share = 1.0\n" in text
+    assert f"\nlevel_{level}_share = 1.0\n" not in text

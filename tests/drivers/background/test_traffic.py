@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from drives import printed_by_a_fresh_process
 from programs import python
-from worlds import CENTER, LEFT, RIGHT
+from worlds import CENTER, LEFT, RIGHT, ROAD, seen_from
 
 from drl_av.config import Config
-from drl_av.drivers.background.level_k import load_level_1
+from drl_av.drivers.background.level_k import level_k, load_level_k
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.drivers.rule_based import RandomDriver
+from drl_av.driving.affordances import compute_affordances
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.replay import ReplaySession
 from drl_av.road.snapshot import Command, Snapshot, TrafficCommands
@@ -35,6 +36,7 @@ def mixed(
     level_0: float,
     level_1: float,
     hard_braking: float = 0.0,
+    level_2: float = 0.0,
     decisions: int = 60,
 ) -> Config:
     config = Config().updated("simulation", decisions_per_episode=decisions)
@@ -44,18 +46,19 @@ def mixed(
         level_0_share=level_0,
         level_1_share=level_1,
         hard_braking_share=hard_braking,
+        level_2_share=level_2,
     )
 
 
-MIX = mixed(0.25, 0.25, 0.2, 0.1)
+MIX = mixed(0.2, 0.2, 0.2, 0.1, 0.1)
 
 # Commands, carried out by SUMO
 
-Road = Callable[..., tuple[Simulation, Snapshot]]
+Placed = Callable[..., tuple[Simulation, Snapshot]]
 
 
 @pytest.fixture
-def placed(tmp_path: Path, stack: ExitStack) -> Road:
+def placed(tmp_path: Path, stack: ExitStack) -> Placed:
     """Vehicles placed by a test and driven by commands; the ego is far behind them."""
 
     def place(*vehicles: PlacedVehicle, **traffic: float) -> tuple[Simulation, Snapshot]:
@@ -83,7 +86,7 @@ def decide(simulation: Simulation, *wishes: tuple[int, float, int]) -> Snapshot:
     ids=["faster", "as it is", "slower", "at most its accel of 1.5", "at most its decel of 4"],
 )
 def test_alone_a_vehicle_changes_its_speed_as_wished_within_the_bounds_of_its_type(
-    placed: Road, wished_m_s2: float, gained_m_s: float
+    placed: Placed, wished_m_s2: float, gained_m_s: float
 ) -> None:
     simulation, shot = placed(PlacedVehicle("other", 1, 50.0, 15.0, 40.0))
     speed = float(decide(simulation, (OTHER, wished_m_s2, 0)).speed_m_s[OTHER])
@@ -91,7 +94,7 @@ def test_alone_a_vehicle_changes_its_speed_as_wished_within_the_bounds_of_its_ty
     assert speed - float(shot.speed_m_s[OTHER]) == pytest.approx(gained_m_s, abs=0.05)
 
 
-def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Road) -> None:
+def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Placed) -> None:
     simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 6.0, 30.0))
     for _ in range(3):
         shot = decide(simulation, (OTHER, -4.0, 0))
@@ -100,7 +103,7 @@ def test_a_vehicle_brakes_to_a_stop_and_drives_off_again(placed: Road) -> None:
 
 
 def test_who_wants_to_continue_into_a_vehicle_that_brakes_to_a_stop_is_stopped_by_sumo(
-    placed: Road,
+    placed: Placed,
 ) -> None:
     # 35 m behind it, which comes to rest after 25 m more; 20 m/s need 50 m at 4 m/s2
     vehicles = (
@@ -120,7 +123,7 @@ def test_who_wants_to_continue_into_a_vehicle_that_brakes_to_a_stop_is_stopped_b
 
 @pytest.mark.parametrize("ours", [True, False], ids=["one of ours", "one of SUMO's"])
 def test_behind_a_vehicle_that_brakes_fully_all_stop_without_touching_it(
-    placed: Road, ours: bool
+    placed: Placed, ours: bool
 ) -> None:
     # 50 m behind, SUMO's IDM brakes so late that its 4 m/s2 end 1 m too far
     vehicles = (
@@ -139,7 +142,7 @@ def test_behind_a_vehicle_that_brakes_fully_all_stop_without_touching_it(
 
 @pytest.mark.parametrize(("side", "end_m"), [(1, LEFT), (-1, RIGHT)], ids=["left", "right"])
 def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
-    placed: Road, side: int, end_m: float
+    placed: Placed, side: int, end_m: float
 ) -> None:
     simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 20.0, 40.0))
     shots = [decide(simulation, (OTHER, 0.0, side))]
@@ -152,7 +155,7 @@ def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
 
 @pytest.mark.parametrize("ahead_m", [5.0, 2.0, 0.0, -2.0, -5.0])
 def test_a_lane_change_into_another_vehicle_waits_until_there_is_room(
-    placed: Road, ahead_m: float
+    placed: Placed, ahead_m: float
 ) -> None:
     vehicles = (
         PlacedVehicle("other", 1, 50.0, 20.0, 40.0),
@@ -168,7 +171,7 @@ def test_a_lane_change_into_another_vehicle_waits_until_there_is_room(
 
 
 def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_random(
-    placed: Road, monkeypatch: pytest.MonkeyPatch
+    placed: Placed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # one that SUMO broke off half-way would continue, even into the vehicle in its way
     simulation, _ = placed(PlacedVehicle("other", 0, 50.0, 20.0, 40.0))
@@ -184,7 +187,7 @@ def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_ra
     assert set(asked) == {("other", -1), ("other", 1)}
 
 
-def test_without_a_command_no_vehicle_leaves_a_slow_lane(placed: Road) -> None:
+def test_without_a_command_no_vehicle_leaves_a_slow_lane(placed: Placed) -> None:
     # SUMO's own drivers overtake here
     vehicles = (
         PlacedVehicle("fast", 1, 50.0, 20.0, 40.0),
@@ -237,6 +240,22 @@ def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees
     env.close()
 
 
+def test_level_2_drives_by_its_own_network() -> None:
+    shot = None
+    found = []
+    for level_1, level_2 in ((1.0, 0.0), (0.0, 1.0)):
+        with closing(HighwayEnv(config=mixed(0, 0, level_1, level_2=level_2))) as env:
+            env.reset(seed=3, options={"vehicles": 30})
+            shot = env.scene.snapshot
+            found.append(env.traffic_drivers(shot).acceleration_m_s2)
+    assert shot is not None
+    wanted = []
+    for row in range(1, 31):
+        values, codes, *_ = compute_affordances(seen_from(shot, row), ROAD, 250.0).arrays()
+        wanted.append(level_k(values, codes, ROAD.lane_width_m, load_level_k(ROAD, 2))[0])
+    assert found[1].tolist() == wanted != found[0].tolist()
+
+
 def test_traffic_of_sumo_alone_gets_no_commands() -> None:
     env = HighwayEnv()
     env.reset(seed=0, options={"vehicles": 30})
@@ -244,7 +263,7 @@ def test_traffic_of_sumo_alone_gets_no_commands() -> None:
     env.close()
 
 
-@pytest.mark.parametrize("mix", ["0,0,0", "0.3,0.3,0.4"])
+@pytest.mark.parametrize("mix", ["0,0,0,0", "0.3,0.2,0.2,0.3"])
 def test_traffic_alone_never_collides(mix: str) -> None:
     words = ("--episodes", "20", "--vehicles", "30", "10", "--mix", mix)
     done = python("-m", "verification.background_traffic", *words, cwd=TESTS.parent)
@@ -259,7 +278,7 @@ def test_level_1_drivers_on_a_barricaded_road_keep_off_the_barricade() -> None:
     env = HighwayEnv("barricaded_right_lane", config=mixed(0.5, 0, 0.5))
     env.reset(seed=1, options={"vehicles": 20})
     assert isinstance(env.traffic_drivers, TrafficDrivers)
-    assert load_level_1(env.road).range_m == 250.0
+    assert load_level_k(env.road, 1).range_m == 250.0
     over = False
     while not over:
         *_, terminated, truncated, _ = env.step(0)

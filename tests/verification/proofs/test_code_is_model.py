@@ -16,7 +16,7 @@ from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
 from drl_av.driving.actions import Longitudinal, ego_numbers
 from drl_av.road.road import FloatArray
-from drl_av.safety import stopping, strict
+from drl_av.safety import reachability, strict
 from drl_av.safety.reachability import (
     StrictNumbers,
     accelerated,
@@ -50,14 +50,14 @@ def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> N
         ego[::7], other[::7] = np.round(ego[::7]), np.round(other[::7])  # where pieces meet
         gap_m = 250 * rng.random(20_000) + 1e-3
         rolled_m = motion.stopping(largest_of_arrays, other, 4.5, 60.0, 0.5)
-        assert close(stopping.stopping_distance(other, 4.5, 0.5), rolled_m)
+        assert close(reachability.stopping_distance(other, 4.5, 0.5), rolled_m)
         ahead_m = limits(gap_m, other, bounds)
         assert close(ahead_m, motion.may_reach(largest_of_arrays, gap_m, other, a))
         for how in Longitudinal:
             rate = how.acceleration_m_s2(CONFIG.ego)
-            reach_m = stopping.reach(ego, rate, CONFIG.ego, sim)
+            reach_m = reachability.reach(ego, rate, CONFIG.ego, sim)
             assert close(reach_m, motion.reach(largest_of_arrays, ego, rate, a.steps, a))
-            needed_m = stopping.cut_in_gap(ego, rate, other, CONFIG.strict, CONFIG.ego, sim)
+            needed_m = reachability.cut_in_gap(ego, rate, other, CONFIG.strict, CONFIG.ego, sim)
             other_m = motion.lead_stops(largest_of_arrays, other, a)
             model_m = motion.cut_in_gap(largest_of_arrays, ego, rate, other_m, a)
             assert close(needed_m, model_m)
@@ -103,7 +103,7 @@ def test_rounding_is_within_its_bound(
     ego: float, other: float, gap_m: float, how: Longitudinal
 ) -> None:
     rate = how.acceleration_m_s2(CONFIG.ego)
-    reach_m = stopping.reach(ego, rate, CONFIG.ego, CONFIG.simulation)
+    reach_m = reachability.reach(ego, rate, CONFIG.ego, CONFIG.simulation)
     ahead_m = stopping_limit(gap_m, True, other, CONFIG.strict, 0.5)
     speed, rest = Fraction(ego), Fraction(other)
     exact_m = motion.reach(max, speed, Fraction(rate), EXACT.steps, EXACT)

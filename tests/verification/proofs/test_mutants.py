@@ -20,7 +20,7 @@ from drl_av.driving.scene import Scene
 from drl_av.road.snapshot import CollisionKind
 from drl_av.safety import strict
 from drl_av.safety.check import Verdicts
-from drl_av.safety.stopping import stopping_distance
+from drl_av.safety.reachability import stopping_distance
 from drl_av.safety.strict import Strict
 from verification.adversary import (
     LENGTH_M,

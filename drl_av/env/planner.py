@@ -1,0 +1,207 @@
+"""The planner: it tries the likeliest actions of the shipped driver in the twin (ours).
+
+Each decision is a step of policy improvement by rollouts (Tesauro and Galperin 1996; Bertsekas,
+Tsitsiklis and Wu 1997). What the others will do is not known: each rollout draws their parameters
+from what their speeds so far made likely (``beliefs``), and their random lane changes anew.
+"""
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode
+
+from drl_av.config import Config
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.masked_policy import actor_driver, load_actor
+from drl_av.drivers.network import Layers, forward
+from drl_av.drivers.policy_file import PRETRAINED, find_policy
+from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS, Action
+from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import WIDE_SIZE
+from drl_av.env.beliefs import GUESSES, Beliefs
+from drl_av.env.twin_episodes import look_all
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.env.wide_view import look_wide
+from drl_av.errors import ConfigError
+from drl_av.random_streams import Stream, generator
+from drl_av.road.snapshot import EGO, Snapshot
+from drl_av.safety import named_check
+from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.twin.copying import copy_scene
+from drl_av.twin.worlds import COUNT, LATERAL_SPEED_M_S, FloatArray, IntArray
+
+TRIED = 4
+"""Most actions that are tried at a decision, the likeliest of the base policy."""
+LEAST_PROBABLE = 1e-4
+"""An action that is so much less probable than the base policy's best is not tried."""
+FUTURES = 8
+"""Random futures in which each action is tried."""
+HORIZON = 30
+"""Decisions, of 1 s each, for which an action is tried; the base policy makes all but the first."""
+SURENESS = 1.0
+"""Standard errors by which an action has to be better than that of the base policy."""
+SIDES = np.array(SIGNS)
+SPAN_M_S = 10.0
+"""How much more speed for a second earned 1 in the training of the base policy."""
+DISCOUNT, HIT_COST_M = 0.99, 50.0
+"""What a metre is worth a second later, and what a collision costs."""
+BLIND_M = 100.0
+"""A vehicle with less road in view ahead may follow one that the ego does not see."""
+REQUEST_STEPS = 10
+"""Steps for which a lane change that is under way is taken to be wanted."""
+
+
+class PlannerDriver(Driver):
+    """Proposes the action after which the shipped driver comes farthest in the twin.
+
+    It knows the settings ``traffic`` from which the parameters of the others are drawn, but not
+    those of any vehicle. It sees the vehicles within ``observation.range_m``.
+
+    Args:
+        actor: The layers and the config of the base policy.
+        config: The settings of the environment.
+
+    Raises:
+        ConfigError: the twin cannot do what the settings ask, such as open roads.
+    """
+
+    def __init__(self, actor: tuple[Layers, Config], config: Config) -> None:
+        try:
+            self._twin = TwinVectorEnv(
+                config=config, action_mask=False, autoreset_mode=AutoresetMode.DISABLED
+            )
+        except ConfigError as error:
+            raise ConfigError(
+                f"The planner tries its actions in the twin. {error} Or name another driver."
+            ) from error
+        self._twin.reset(seed=0, options={"vehicles": 0})
+        self._scenario = load_scenario(find_scenario(config.simulation.scenario))
+        check = named_check(config, self._scenario.vehicle_types, self._scenario.road)
+        self._base = actor_driver("planner", actor, config, check)
+        self._layers, self._paid = actor[0], actor[1].ppo
+        self._road = self._scenario.road
+        self._kind, self._range_m = config.per_traffic_preset[0], config.observation.range_m
+        self.start(0)
+
+    def start(self, seed: int) -> None:
+        """Forget all vehicles; the futures that are tried depend on ``seed``."""
+        self._rng = generator(seed, Stream.PLANS)
+        self._beliefs = Beliefs(self._rng, self._scenario, self._kind)
+        self._speeds: dict[str, float] = {}
+        self._predicted: dict[str, FloatArray] = {}
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Return the best of the likeliest permitted actions; ``observation`` is not used."""
+        shot = self._visible(scene.snapshot)
+        self._beliefs.see(shot)
+        speeds = dict(zip(shot.ids, shot.speed_m_s.tolist(), strict=True))
+        for name, predicted in self._predicted.items():
+            if name in speeds:
+                self._beliefs.learn(name, predicted, speeds[name])
+        self._place(shot, scene)
+        logits = self._base.logits(scene)
+        likely = np.argsort(-logits, kind="stable")[:TRIED]
+        tried = likely[logits[likely] >= logits[likely[0]] + np.log(LEAST_PROBABLE)]
+        best = int(tried[0])
+        if len(tried) > 1:
+            gain_m = self._ways_m(shot, tried) - self._costs_m(scene, tried)[:, np.newaxis]
+            gain_m -= gain_m[0].copy()
+            doubt_m = gain_m.std(axis=1) / FUTURES**0.5
+            best = int(tried[(gain_m.mean(axis=1) - SURENESS * doubt_m).argmax()])
+        self._predicted, self._speeds = self._predictions(shot, best), speeds
+        return ACTIONS[best]
+
+    def _visible(self, shot: Snapshot) -> Snapshot:
+        """Return the vehicles within range."""
+        away_m = self._road.ahead_m(shot.s_m[EGO], shot.s_m)
+        rows = np.flatnonzero(np.abs(away_m) <= self._range_m)
+        return Snapshot(
+            shot.time_s,
+            tuple(shot.ids[row] for row in rows.tolist()),
+            s_m=shot.s_m[rows],
+            y_m=shot.y_m[rows],
+            speed_m_s=shot.speed_m_s[rows],
+            lateral_speed_m_s=shot.lateral_speed_m_s[rows],
+            length_m=shot.length_m[rows],
+            width_m=shot.width_m[rows],
+        )
+
+    def _place(self, shot: Snapshot, scene: Scene) -> None:
+        """Copy the scene into the world of the twin, without random events to come."""
+        twin, others = self._twin, len(shot.ids) - 1
+        if twin.vehicles[0] != others:
+            twin.reset(seed=0, options={"vehicles": others})
+        now = shot.speed_m_s.tolist()
+        before = [self._speeds.get(name, v) for name, v in zip(shot.ids, now, strict=True)]
+        chosen = np.stack((shot.speed_m_s, shot.speed_m_s - before))
+        population, models = self._beliefs.population(shot), np.zeros(others + 1, np.int64)
+        requests, where = self._requests(shot), (self._scenario, self._kind)
+        world, loop, episodes = twin.world(0), twin.task.loop, twin.episodes
+        copy_scene(world, loop, population, models, shot, requests, chosen, *where)
+        world.x[LATERAL_SPEED_M_S, EGO] = shot.lateral_speed_m_s[EGO]
+        change, lane = scene.lane_change, scene.affordances.lane
+        episodes.lanes[0] = (lane, lane) if change is None else change[:2]
+        episodes.heading_rad[0] = 0.0 if change is None else change.heading_rad
+        episodes.decisions[0], episodes.next_event[0] = 0, 0
+        look_all(twin.worlds, episodes, twin.task, np.zeros(1, np.int64))
+
+    def _requests(self, shot: Snapshot) -> dict[int, tuple[int, int]]:
+        """Return the lane changes under way: by row the lane to which it goes, and the steps."""
+        lanes, sides = shot.y_m / self._road.lane_width_m, np.sign(shot.lateral_speed_m_s)
+        targets = np.where(sides > 0, np.ceil(lanes - 1e-6), np.floor(lanes + 1e-6))
+        moving = np.flatnonzero(sides[1:]) + 1
+        return {row: (int(targets[row]), REQUEST_STEPS) for row in moving.tolist()}
+
+    def _ways_m(self, shot: Snapshot, tried: IntArray) -> FloatArray:
+        """Try actions, each in the same futures; return how far the ego comes, discounted.
+
+        The result has the shape (actions, FUTURES), in metres.
+        """
+        count = len(tried) * FUTURES
+        trials = self._twin.fork(count, int(self._rng.integers(2**31)))
+        guess = self._beliefs.draw(self._rng, shot, FUTURES)
+        self._beliefs.put(np.tile(guess, (len(tried), 1)), trials)
+        episodes = trials.episodes
+        for first in range(FUTURES, count, FUTURES):
+            episodes.events[first : first + FUTURES] = episodes.events[:FUTURES]
+            episodes.next_event[first : first + FUTURES] = episodes.next_event[:FUTURES]
+        actions, ways_m = np.repeat(tried, FUTURES), np.zeros(count)
+        goes_on = np.ones(count, np.bool_)
+        for decision in range(HORIZON):
+            _, _, hit, _, info = trials.step(actions)
+            metres = info["speed_m_s"] - HIT_COST_M * hit
+            ways_m += DISCOUNT**decision * np.where(goes_on, metres, 0.0)
+            goes_on &= ~hit
+            actions = self._usual(trials)
+        return ways_m.reshape(len(tried), FUTURES)
+
+    def _costs_m(self, scene: Scene, tried: IntArray) -> FloatArray:
+        """Return what the training of the base policy charged for these actions, in metres."""
+        origin, target = scene.lanes
+        aborts = (origin != target) & (SIDES[tried // 4] == origin - target)
+        brakes = tried % 4 == HARD_BRAKE
+        costs = self._paid.abort_cost * aborts + self._paid.hard_brake_cost * brakes
+        return np.asarray(costs * SPAN_M_S)
+
+    def _usual(self, worlds: TwinVectorEnv) -> IntArray:
+        """Return the action of the base policy in each world."""
+        n = worlds.num_envs
+        observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
+        permitted = np.zeros((n, len(ACTIONS)), np.bool_)
+        count = worlds.worlds.near[:, COUNT].copy()
+        look_wide(worlds.episodes, worlds.task, np.arange(n), count, observed, permitted)
+        logits = np.where(permitted, forward(self._layers, observed)[1], -np.inf)
+        return np.asarray(logits.argmax(axis=1), np.int64)
+
+    def _predictions(self, shot: Snapshot, action: int) -> dict[str, FloatArray]:
+        """Return what each guess predicts of each vehicle's speed a second later."""
+        worlds, others = self._twin.fork(GUESSES, include_rng=True), len(shot.ids) - 1
+        self._beliefs.put(np.repeat(np.arange(GUESSES)[:, np.newaxis], others, axis=1), worlds)
+        worlds.step(np.full(GUESSES, action))
+        in_view_m = self._range_m - self._road.ahead_m(shot.s_m[EGO], shot.s_m)
+        seen = [row for row in np.flatnonzero(in_view_m > BLIND_M).tolist() if row != EGO]
+        return {shot.ids[row]: worlds.episodes.scene[:, 2, row] for row in seen}
+
+
+def planner(config: Config) -> PlannerDriver:
+    """Return the planner with the shipped driver as its base policy."""
+    return PlannerDriver(load_actor(find_policy(PRETRAINED)), config)

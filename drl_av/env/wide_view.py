@@ -1,0 +1,53 @@
+"""The wide observation of many worlds of the twin at once (ours)."""
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.compiled import compiled
+from drl_av.driving.wide_observation import WIDE_SIZE, wide_observation
+from drl_av.env.twin_episodes import Episodes, Task
+from drl_av.twin.worlds import IntArray
+
+Float32Array = npt.NDArray[np.float32]
+Flags = npt.NDArray[np.bool_]
+
+
+@compiled
+def look_wide(
+    episodes: Episodes,
+    task: Task,
+    rows: IntArray,
+    count: IntArray,
+    observation: Float32Array,
+    permitted: Flags,
+) -> None:
+    """Write the wide observation and the mask of the worlds ``rows``, and what is permitted.
+
+    ``count``, shape (worlds,), holds the numbers of vehicles, the ego included. ``observation`` has
+    the shape (worlds, WIDE_SIZE + 12); the mask is at its end. If no action is permitted,
+    ``permitted``, shape (worlds, 12), is True for all.
+    """
+    for w in rows:
+        n, scene = count[w], episodes.scene[w]
+        wide_observation(
+            scene[0, :n],
+            scene[1, :n],
+            scene[2, :n],
+            scene[3, :n],
+            scene[4, :n],
+            scene[5, :n],
+            task.road,
+            task.range_m,
+            task.ego.max_speed_m_s,
+            episodes.lanes[w, 0],
+            episodes.lanes[w, 1],
+            observation[w, :WIDE_SIZE],
+        )
+        some = False
+        for action in range(12):
+            is_permitted = episodes.executed[w, action] == action
+            permitted[w, action] = is_permitted
+            observation[w, WIDE_SIZE + action] = 1.0 if is_permitted else 0.0
+            some = some or is_permitted
+        if not some:
+            permitted[w, :] = True

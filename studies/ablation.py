@@ -1,0 +1,250 @@
+"""Trains variants of the preset ``large`` in the twin, and measures what each choice is worth.
+
+``python -m studies.ablation`` continues where it stopped: a policy that exists is not trained
+again. Each policy drives in the twin under ``strict``, beside ``gap-mobil`` in the same traffic.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import safetensors.numpy
+
+from drl_av.config import SINGLE_PRESETS, Config
+from drl_av.config.presets import PRESETS
+from drl_av.drivers.network import forward
+from drl_av.drivers.registry import rule_driver
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.affordances import INDICATORS
+from drl_av.driving.wide_observation import WIDE_SIZE
+from drl_av.files import append_rows, column_types, read_table
+from drl_av.learning.large_scale import learner_of, save_actor
+from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
+from drl_av.twin.worlds import FloatArray, IntArray
+from studies.options import RESULTS
+
+DECISIONS = 8_000_000
+"""The schedule, over which the learning rate falls."""
+SAVED = 200_000, 500_000, 1_000_000, 2_000_000, 4_000_000
+"""Decisions after which a policy is saved and measured; a training ends at the last."""
+COUNTS = 5, 10, 15, 20, 25
+FIRST_SEED, EPISODES = 870_000, 100
+RULE = "gap-mobil"
+NOTHING = np.zeros(0, np.float32)
+
+
+class IndicatorWorlds(TwinWorlds):
+    """The policy sees the paper's 27 indicators in place of the wide observation."""
+
+    SIZE = len(INDICATORS) + len(ACTIONS)
+
+    def look(self, part: Part, worlds: IntArray) -> None:
+        """Update the observations and the masks of some worlds of one part."""
+        episodes = part.env.episodes
+        mask = episodes.executed[worlds] == np.arange(len(ACTIONS))
+        seen = episodes.observation[worlds], mask
+        self.observation[part.rows][worlds] = np.concatenate(seen, axis=1, dtype=np.float32)
+        self.permitted[part.rows][worlds] = mask | ~mask.any(axis=1, keepdims=True)
+
+
+class TwoSecondWorlds(TwinWorlds):
+    """The policy sees the wide observation of the decision before, too."""
+
+    SIZE = WIDE_SIZE + TwinWorlds.SIZE
+
+    def look(self, part: Part, worlds: IntArray) -> None:
+        """Update the observations and the masks of some worlds of one part."""
+        whole = self.observation
+        before = whole[part.rows][worlds, WIDE_SIZE : 2 * WIDE_SIZE]
+        self.observation = np.zeros((self.num_envs, TwinWorlds.SIZE), np.float32)
+        super().look(part, worlds)
+        now, self.observation = self.observation[part.rows][worlds], whole
+        begins = part.env.episodes.decisions[worlds, np.newaxis] == 0
+        before = np.where(begins, now[:, :WIDE_SIZE], before)
+        whole[part.rows][worlds] = np.concatenate((before, now), axis=1)
+
+
+class PaperPart(Part):
+    """Pays the paper's reward, eq. 7 to 9."""
+
+    def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
+        """Execute one action in each world; return the rewards, and which egos hit and are late."""
+        _, reward, terminated, truncated, _ = self.env.step(action)
+        return reward.astype(np.float32), terminated, truncated & ~terminated
+
+
+class PaperRewardWorlds(TwinWorlds):
+    """The driver is paid the paper's reward."""
+
+    PART = PaperPart
+
+
+class TwoCheckWorlds(TwinWorlds):
+    """Half of the worlds of each kind of traffic drive under the check ``paper``."""
+
+    def kinds(self, config: Config) -> list[Config]:
+        """Return the settings of which each drives an equal part of the worlds."""
+        found = super().kinds(config)
+        return [
+            kind.updated("safety", check=name) for kind in found for name in ("strict", "paper")
+        ]
+
+
+class Variant(NamedTuple):
+    """One choice that differs from the preset, and its words in the figure."""
+
+    words: str
+    changes: Callable[[Config], Config] = lambda config: config
+    worlds: type[TwinWorlds] = TwinWorlds
+
+
+def _ppo(**settings: object) -> Callable[[Config], Config]:
+    return lambda config: config.updated("ppo", **settings)
+
+
+VARIANTS = {
+    "large": Variant("the preset"),
+    "both": Variant("checks strict and paper", worlds=TwoCheckWorlds),
+    "indicators": Variant("27 indicators", worlds=IndicatorWorlds),
+    "two-seconds": Variant("the second before, too", worlds=TwoSecondWorlds),
+    "paper-reward": Variant("the paper's reward", worlds=PaperRewardWorlds),
+    "discount-90": Variant("discount 0.90", _ppo(discount=0.9)),
+    "discount-95": Variant("discount 0.95", _ppo(discount=0.95)),
+    "discount-995": Variant("discount 0.995", _ppo(discount=0.995)),
+    "no-costs": Variant(
+        "speed alone",
+        _ppo(abort_cost=0.0, reversal_cost=0.0, short_headway_cost=0.0, forced_brake_cost=0.0),
+    ),
+    "calm": Variant(
+        "calm traffic alone", lambda config: config.updated("traffic", presets=("calm",))
+    ),
+    "wider": Variant("layers of 384 and 256", _ppo(hidden_1=384, hidden_2=256)),
+}
+
+
+class Row(NamedTuple):
+    """What one policy gains over ``gap-mobil``, in one kind of traffic."""
+
+    variant: str
+    seed: int
+    decisions: int
+    traffic: str
+    gain_m_s: float
+    """Mean over 5 to 25 vehicles of the difference of the mean speeds, paired by traffic seed."""
+    half_width_m_s: float
+    """Half of the gain's 95 % interval."""
+    ego_hits: int
+
+
+def settings(variant: str, seed: int) -> Config:
+    """Return the settings of a training."""
+    preset = PRESETS["large"].updated("ppo", decisions=DECISIONS).updated("learning", seed=seed)
+    return VARIANTS[variant].changes(preset)
+
+
+def train(runs: Path, job: tuple[str, int]) -> None:
+    """Train a variant with a seed, and save its policies in a folder of its own."""
+    folder = runs / "{}-{}".format(*job)
+    if (folder / f"{SAVED[-1]}.safetensors").exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    config = settings(*job)
+    learner = learner_of(config, VARIANTS[job[0]].worlds(config, job[1]))
+    for decisions in SAVED:
+        while learner.num_timesteps < decisions // config.ppo.batch_size * config.ppo.batch_size:
+            learner.learn(config.ppo.batch_size, reset_num_timesteps=False)
+        save_actor(folder / f"{decisions}.safetensors", learner, config)
+
+
+def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatArray, int]:
+    """Return the ego's mean speeds, shape (counts, episodes), m/s, and the number of its hits.
+
+    ``kept`` is the policy's file; without one the rule drives.
+    """
+    config = PRESETS["large"].updated("traffic", presets=(kind,)).updated("ppo", worlds=EPISODES)
+    worlds = base(config, 0)
+    part, everywhere = worlds.parts[0], np.arange(EPISODES)
+    layers, rule = [], rule_driver(RULE, config.with_traffic(kind))
+    if kept is not None:
+        found = safetensors.numpy.load_file(kept)
+        layers = [
+            (found[f"layers.{i}.weight"], found[f"layers.{i}.bias"]) for i in range(len(found) // 2)
+        ]
+    rows, hits = [], 0
+    for count in COUNTS:
+        seeds = [FIRST_SEED + row for row in everywhere.tolist()]
+        part.env.reset(seed=seeds, options={"vehicles": count})
+        driven, decisions = np.zeros(EPISODES), np.zeros(EPISODES)
+        goes_on = np.ones(EPISODES, np.bool_)
+        while goes_on.any():
+            worlds.look(part, everywhere)
+            if kept is None:
+                scenes = map(part.env.scene, range(EPISODES))
+                action = np.array([rule.act(scene, NOTHING).number for scene in scenes])
+            else:
+                logits = forward(layers, worlds.observation)[1]
+                action = np.where(worlds.permitted, logits, -np.inf).argmax(axis=1)
+            _, hit, late = part.step(action)
+            driven += part.env.episodes.scene[:, 2, 0] * goes_on
+            decisions += goes_on
+            hits += int((hit & goes_on).sum())
+            goes_on &= ~(hit | late)
+            part.begin_anew(hit | late)
+        rows.append(driven / decisions)
+    return np.array(rows), hits
+
+
+def measure(runs: Path, job: tuple[str, int, int]) -> list[Row]:
+    """Return the rows of one policy, a row for each kind of traffic."""
+    variant, seed, decisions = job
+    kept, rows = runs / f"{variant}-{seed}" / f"{decisions}.safetensors", []
+    for kind in SINGLE_PRESETS:
+        found, hits = speeds(kind, kept, VARIANTS[variant].worlds)
+        gains = (found - np.load(_rule_file(runs, kind))).ravel()
+        half = 1.96 * gains.std(ddof=1) / gains.size**0.5
+        rows.append(Row(*job, kind, round(gains.mean(), 4), round(half, 4), hits))
+    return rows
+
+
+def drive_rule(runs: Path, kind: str) -> None:
+    """Drive the rule in the traffic of all policies, once."""
+    if not _rule_file(runs, kind).exists():
+        np.save(_rule_file(runs, kind), speeds(kind, None, TwinWorlds)[0])
+
+
+def _rule_file(runs: Path, kind: str) -> Path:
+    return runs / f"{RULE}-{kind}.npy"
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser("python -m studies.ablation", description=__doc__)
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--runs", type=Path, default=Path("runs/studies/ablation"))
+    parser.add_argument("--out", type=Path, default=RESULTS / "ablation.csv")
+    given = parser.parse_args(words)
+    given.runs.mkdir(parents=True, exist_ok=True)
+    trainings = [(variant, seed) for seed in given.seeds for variant in given.variants]
+    with ProcessPoolExecutor(given.jobs) as pool:
+        for _ in pool.map(partial(train, given.runs), trainings):
+            pass
+        for _ in pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS):
+            pass
+        known = {
+            (row["variant"], row["seed"], row["decisions"])
+            for row in read_table(given.out, column_types(Row), growing=True)
+        }
+        policies = [(*training, saved) for training in trainings for saved in SAVED]
+        missing = [policy for policy in policies if policy not in known]
+        for rows in pool.map(partial(measure, given.runs), missing):
+            append_rows(given.out, Row, rows)
+
+
+if __name__ == "__main__":
+    main()
