@@ -82,7 +82,7 @@ results: setup
 	$(call text,proved_strict.txt,-m verification.prove)
 	$(call text,completeness_strict.txt,-m verification.completeness)
 	$(call text,speed_bound.txt,-m verification.speed_bound)
-	$(call text,background_traffic.txt,-m verification.background_traffic --episodes 150 --mix calm paper overtaking naturalistic hazards --ego sumo idm-mobil pretrained random)
+	$(call text,background_traffic.txt,-m verification.background_traffic --episodes 50 --mix calm paper overtaking naturalistic hazards --ego sumo idm-mobil pretrained random)
 	$(call text,traffic_moments.txt,-m verification.traffic_moments --episodes 18)
 	$(call text,rl_zoo3.txt,tools/tune_rl_zoo3.py --trials 15 --trainings 2)
 	$(call text,memory.txt,tools/measure_memory.py)

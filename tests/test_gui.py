@@ -1,5 +1,6 @@
 """sumo-gui on a virtual screen; Xvfb must be there: these tests fail without it, never skip."""
 
+import ast
 import json
 import math
 import subprocess
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from programs import python
+from shown import ROOT
 
 from drl_av.config import Config
 from drl_av.drawing.canvas import EGO_COLOR, speed_color
@@ -143,6 +145,35 @@ def test_an_open_road_is_in_view_from_50_m_behind_the_ego_to_200_m_ahead_of_it(
         assert is_shown(decision, decision["caption_at"])
         (left, _), (right, _) = decision["box"]
         assert right - left < 300
+
+
+ALONE = """
+import sys, time
+import traci
+from drl_av.sumo_programs import program
+plain = [str(program("sumo-gui")), "-c", sys.argv[1], "--start", "--quit-on-end", "--delay", "0"]
+traci.start([*plain, "--window-size", "1200,800"])
+while traci.simulation.getTime() < 70:
+    traci.simulationStep()
+traci.gui.screenshot("View #0", sys.argv[2])
+traci.simulationStep()
+print(traci.gui.getBoundary("View #0"))
+traci.close()
+"""
+
+
+def test_plain_sumo_gui_opens_a_ramp_where_vehicles_join_and_are_seen(
+    screen: str, tmp_path: Path
+) -> None:
+    opened = str(ROOT / "sumo_scenarios" / "merge" / "highway.sumocfg")
+    picture = tmp_path / "merge.png"
+    ended = run(screen, "-c", ALONE, opened, str(picture))
+    (west, south), (east, north) = ast.literal_eval(ended.stdout.splitlines()[-1])
+    assert west < 500 < 750 < east  # the acceleration lane, of a road of 1,750 m
+    assert south < -9.5 < north
+    pixels = np.asarray(Image.open(picture).convert("RGB")).reshape(-1, 3).astype(int)
+    yellow = ((pixels - (240, 190, 40)) ** 2).sum(1) < 3000
+    assert yellow.sum() > 300  # 96 where the window shows the whole road
 
 
 def test_vehicles_have_the_colours_of_the_film(watched: dict[str, Any]) -> None:

@@ -16,10 +16,14 @@ from typing import NamedTuple
 
 from drl_av.config import Config, load_config
 from verification.program import Program, run_program
-from verification.proofs import followers, following, lane_changes
-from verification.proofs.argument import Argument, argument
-from verification.proofs.lemma import Lemma, Model, UndecidedError, counterexample
-from verification.proofs.rounding import rounding_m
+
+try:
+    from verification.proofs import followers, following, lane_changes
+    from verification.proofs.argument import Argument, argument
+    from verification.proofs.lemma import Lemma, Model, UndecidedError, counterexample
+    from verification.proofs.rounding import rounding_m
+except ImportError as missing:
+    sys.exit(f"prove: {missing}: pip install 'drl-av[verify]'.")
 
 LEMMAS = (*following.LEMMAS, *followers.LEMMAS, *lane_changes.LEMMAS)
 WIDTH = max(len(lemma.name) for lemma in LEMMAS)

@@ -17,6 +17,7 @@ from drl_av.cli.options import (
 from drl_av.config.functions import is_factory
 from drl_av.drivers.registry import (
     DRIVER_FILES,
+    DriverSpec,
     default_config,
     find_drivers,
     make_drivers,
@@ -24,6 +25,7 @@ from drl_av.drivers.registry import (
 from drl_av.errors import ConfigError, RecordingError, pluralize
 
 if TYPE_CHECKING:
+    from drl_av.drawing.page import PageEpisode
     from drl_av.env.custom import CustomParts
     from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.recording import Recording
@@ -46,10 +48,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av replay`` to its parser."""
     parser.add_argument(
         "source",
-        nargs="?",
+        nargs="*",
         metavar="RUN | RECORDING | TABLE.csv",
         help="a file written by --record, a table of evaluate (with --worst), or a driver in any "
-        "form that --driver takes (default: the shipped driver, under strict)",
+        "form that --driver takes (default: the shipped driver, under strict); with --html also "
+        "two drivers, or two recordings, in the same traffic",
     )
     parser.add_argument("--driver", metavar="NAME", help=driver_words())
     parser.add_argument(
@@ -111,16 +114,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def replay(options: argparse.Namespace) -> int:
     """Drive one episode, and show it or write it to a file; return the exit status 0.
 
-    With ``--sheet`` it drives ten episodes, and draws a moment of each.
+    With ``--html`` it drives two, if two are named. With ``--sheet`` it drives ten, and draws a
+    moment of each.
     """
     from drl_av.drawing.film import require_film
+    from drl_av.drawing.page import PageEpisode, write_page
     from drl_av.files import require_suffix, require_writable
 
     if options.html and options.rate is not None:
         raise ConfigError(
             "--rate has no effect on a page, whose menu sets the speed: leave it out."
         )
-    inputs = [options.source, options.driver, *options.config]
+    inputs = [*options.source, options.driver, *options.config]
     require_writable(*_written(options), inputs=inputs)
     for name, suffix in SUFFIXES.items():
         require_suffix(getattr(options, name), suffix)
@@ -129,8 +134,12 @@ def replay(options: argparse.Namespace) -> int:
     sessions = _sessions(options)
     if options.sheet:
         return _draw_sheet(options, sessions)
-    [session] = sessions
-    recording, result = _show(options, session)
+    pages: list[PageEpisode] = []
+    driven = [_show(options, session, pages) for session in sessions]
+    if options.html:
+        write_page(options.html, sessions[0].road, pages)
+        print(f"{options.html}: open it in a browser")
+    recording, _ = driven[0]
     if options.record:
         recording.save(options.record)
     if options.parquet:
@@ -139,6 +148,12 @@ def replay(options: argparse.Namespace) -> int:
         write_parquet(recording, options.parquet)
     for path in filter(None, (options.record, options.fcd, options.parquet)):
         print(f"{path}: recorded")
+    for session, (_, result) in zip(sessions, driven, strict=True):
+        _tell(session, result)
+    return 0
+
+
+def _tell(session: "ReplaySession", result: "EpisodeResult") -> None:
     again = session.recording or session.expected
     print(
         f"{session.name}, check {result.safety_check}, "
@@ -150,7 +165,6 @@ def replay(options: argparse.Namespace) -> int:
         f"{result.collision or 'no collision'}"
         f"{', ' * bool(result.way)}{result.way}"
     )
-    return 0
 
 
 def _written(options: argparse.Namespace) -> list[Path | None]:
@@ -158,64 +172,86 @@ def _written(options: argparse.Namespace) -> list[Path | None]:
 
 
 def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
-    """Return the episode to drive, or ten of a table with ``--sheet``."""
+    """Return the episode to drive, two for one page, or ten of a table with ``--sheet``."""
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import replay_session
+    from drl_av.evaluation.replay import replay_session, require_same_traffic
     from drl_av.evaluation.worst import ON_A_SHEET, worst_sessions
 
-    source, custom = options.source, custom_parts(options)
-    is_table = source is not None and Path(source).suffix == ".csv"
-    if is_table != (options.worst is not None):
+    custom = custom_parts(options)
+    tables = [word for word in options.source if Path(word).suffix == ".csv"]
+    if bool(tables) != (options.worst is not None) or (tables and len(options.source) > 1):
         raise ConfigError(
             "--worst takes a table of evaluate, and a table takes --worst, such as: drl-av replay "
             "table.csv --worst min_ttc_s."
         )
-    if options.sheet and (not is_table or options.record or options.fcd or options.parquet):
+    if options.sheet and (not tables or options.record or options.fcd or options.parquet):
         raise ConfigError("--sheet draws ten episodes of --worst, and goes with no other file.")
-    if is_table:
-        _refuse_settings(options, source)
+    if tables:
+        _refuse_settings(options, tables[0])
         count = ON_A_SHEET if options.sheet else 1
-        return worst_sessions(Path(source), options.worst, options.driver, custom, count)
-    if source is not None and options.driver is not None:
-        raise ConfigError(f"{source} and --driver {options.driver} are two drivers: name one.")
-    if source is not None and Path(source).is_file() and Path(source).suffix not in OTHER_SOURCES:
-        recording = load_recording(Path(source))
-        _refuse_settings(options, source, recording.config.safety.check)
-        return [replay_session(recording, custom)]
-    given = (source, options.driver, "pretrained")
-    word = next(each for each in given if each is not None)
-    return [_new_session(options, word, custom)]
+        return worst_sessions(Path(tables[0]), options.worst, options.driver, custom, count)
+    words = [*options.source, *filter(None, [options.driver])] or ["pretrained"]
+    files = [word for word in words if _is_recording(Path(word))]
+    if not files:
+        return _new_sessions(options, find_drivers(words), custom)
+    if files != words or len(files) > (2 if _only_page(options) else 1):
+        raise _at_most_two(words)
+    recordings = [load_recording(Path(file)) for file in files]
+    for file, recording in zip(files, recordings, strict=True):
+        _refuse_settings(options, file, recording.config.safety.check)
+    sessions = [replay_session(recording, custom) for recording in recordings]
+    require_same_traffic(sessions)
+    return sessions
 
 
-def _new_session(options: argparse.Namespace, word: str, custom: "CustomParts") -> "ReplaySession":
-    """Return the session of a driver by the options, whose vehicles fit on the road."""
+def _is_recording(path: Path) -> bool:
+    return path.is_file() and path.suffix not in OTHER_SOURCES
+
+
+def _only_page(options: argparse.Namespace) -> bool:
+    return [*filter(None, _written(options))] == [options.html]
+
+
+def _at_most_two(words: "Sequence[str]") -> ConfigError:
+    return ConfigError(
+        f"{' and '.join(words)} are no one episode: --html, and no other file, shows two drivers "
+        "or two recordings, and everything else one."
+    )
+
+
+def _new_sessions(
+    options: argparse.Namespace, specs: "Sequence[DriverSpec]", custom: "CustomParts"
+) -> "list[ReplaySession]":
+    """Return the sessions of drivers by the options, whose vehicles fit on the road."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.evaluation.replay import USUAL_VEHICLES, ReplaySession
 
-    specs = find_drivers([word])
-    config = with_command_line(default_config(specs), options)
+    if len(specs) > (2 if _only_page(options) else 1):
+        raise _at_most_two([spec.name for spec in specs])
+    shared = with_command_line(default_config(specs), options)
     if options.decisions:
-        config = config.updated("simulation", decisions_per_episode=options.decisions)
-    seed = options.seed or 0
-    config = specs[0].config(config)
-    if specs[0].under:
-        custom = custom._replace(safety_check=None)
-    with closing(HighwayEnv(config=config, **custom._asdict())) as env:
-        implied = env.simulation.fleet.default_vehicle_count
-        usual = USUAL_VEHICLES if implied is None else implied
-        vehicles = usual if options.vehicles is None else options.vehicles
-        env.reset(seed=seed, options={"vehicles": vehicles})
-        check = env.safety_check if custom.safety_check else None
-    [(name, driver)] = make_drivers(specs, config, check).items()
-    return ReplaySession(config, driver, name, seed, vehicles, custom=custom)
+        shared = shared.updated("simulation", decisions_per_episode=options.decisions)
+    seed, sessions = options.seed or 0, []
+    for spec in specs:
+        config = spec.config(shared)
+        own = custom._replace(safety_check=None) if spec.under else custom
+        with closing(HighwayEnv(config=config, **own._asdict())) as env:
+            implied = env.simulation.fleet.default_vehicle_count
+            usual = USUAL_VEHICLES if implied is None else implied
+            vehicles = usual if options.vehicles is None else options.vehicles
+            env.reset(seed=seed, options={"vehicles": vehicles})
+            check = env.safety_check if own.safety_check else None
+        [(name, driver)] = make_drivers([spec], config, check).items()
+        sessions.append(ReplaySession(config, driver, name, seed, vehicles, custom=own))
+    return sessions
 
 
 def _show(
-    options: argparse.Namespace, session: "ReplaySession"
+    options: argparse.Namespace, session: "ReplaySession", pages: "list[PageEpisode]"
 ) -> "tuple[Recording, EpisodeResult]":
-    """Drive the session in sumo-gui, for a film or a page, or without a picture of it."""
+    """Drive the session in sumo-gui, for a film, for one of the pages, or without a picture."""
     from drl_av.env.video import Film
-    from drl_av.evaluation.replay import FCD_OPTIONS, Pacer, Page
+    from drl_av.evaluation.replay import FCD_OPTIONS, Pacer, PageRecorder
     from drl_av.files import replacing
 
     pace = options.rate or USUAL_RATE
@@ -228,10 +264,9 @@ def _show(
             driven = session.drive(None, film.add)
             print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
         elif options.html:
-            page = Page(session.title, session.road, session.driver, session.facts)
+            page = PageRecorder(session)
             driven = session.drive(None, page)
-            page.write(options.html)
-            print(f"{options.html}: open it in a browser")
+            pages.append(page.episode)
         elif any(_written(options)) and not options.gui:
             driven = session.drive(None)
         else:

@@ -5,8 +5,8 @@ from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
+from types import ModuleType
 
-import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
@@ -83,7 +83,7 @@ def require_film(path: Path, fps: float) -> None:
 
     Raises:
         RecordingError: the suffix is not .mp4 or .gif, the folder does not exist, ``path`` is a
-            folder, or ``fps`` is not positive.
+            folder, ``fps`` is not positive, or the encoder of .mp4 is not installed.
     """
     if path.suffix.lower() not in (".mp4", ".gif"):
         given = f"not in {path.suffix}" if path.suffix else "and it has no suffix"
@@ -96,6 +96,19 @@ def require_film(path: Path, fps: float) -> None:
         raise RecordingError(f"Cannot write {path}: it is a folder; choose another name.")
     if not fps > 0:
         raise RecordingError(f"Cannot write {path} at {fps:g} frames a second: choose more than 0.")
+    if path.suffix.lower() == ".mp4":
+        _ffmpeg()
+
+
+def _ffmpeg() -> ModuleType:
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise RecordingError(
+            "A film in .mp4 needs the package imageio-ffmpeg, which is not installed: pip install "
+            "imageio-ffmpeg, or name a .gif file."
+        ) from error
+    return imageio_ffmpeg  # type: ignore[no-any-return]
 
 
 @contextmanager
@@ -131,7 +144,7 @@ def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
                 encoder.send(np.ascontiguousarray(frame))
             count += 1
     with _encoding(path):
-        if imageio_ffmpeg.count_frames_and_secs(str(temporary))[0] != count:
+        if _ffmpeg().count_frames_and_secs(str(temporary))[0] != count:
             raise RuntimeError("frames are missing from the file")
     return count
 
@@ -140,7 +153,7 @@ def _encoder(
     temporary: Path, size: tuple[int, int], fps: float
 ) -> Generator[None, Picture | None, None]:
     """Return an H.264 encoder; its method ``send`` takes frames of ``size`` (width, height)."""
-    encoder: Generator[None, Picture | None, None] = imageio_ffmpeg.write_frames(
+    encoder: Generator[None, Picture | None, None] = _ffmpeg().write_frames(
         str(temporary),
         size,
         fps=fps,

@@ -1,8 +1,8 @@
-"""Writes an episode as one HTML file that a browser plays without a network connection."""
+"""Writes one or two episodes as an HTML file that a browser plays without a network connection."""
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,32 +31,33 @@ class PageDecision:
     r_v: float
     r_y: float
     r_x: float
-    q: list[float] | None
-    """The driver's Q-values of the 12 actions; None if the driver has no Q-values."""
+    values: list[float] | None
+    """The driver's values of the 12 actions; None if the driver has none."""
     collision: str | None
     """The kind of the ego's collision in words; None without a collision."""
 
 
-def write_page(
-    path: Path,
-    title: str,
-    road: Road,
-    snapshots: Sequence[Snapshot],
-    decisions: Sequence[PageDecision],
-    facts: str = "",
-) -> None:
-    """Write the HTML page of an episode to ``path`` atomically.
+@dataclass
+class PageEpisode:
+    """An episode to show."""
 
-    ``snapshots`` holds the scene at the start and the scene after each decision, so it is longer
-    than ``decisions`` by one. ``facts`` is a line below the title.
+    title: str
+    facts: str = ""
+    """A line beside the title."""
+    values_are: str = "Q-values"
+    """What the values of the decisions are, in words."""
+    snapshots: list[Snapshot] = field(default_factory=list)
+    """The scene at the start and after each decision: one more than there are decisions."""
+    decisions: list[PageDecision] = field(default_factory=list)
+
+
+def write_page(path: Path, road: Road, episodes: Sequence[PageEpisode]) -> None:
+    """Write an HTML page of episodes on the same road, with one time bar, to ``path`` atomically.
 
     Raises:
         DrlAvError: the file cannot be written.
     """
-    sizes = _sizes(snapshots)
-    episode = {
-        "title": title,
-        "facts": facts,
+    page = {
         "road": {
             "circumference_m": road.lap_m,
             "end_m": None if road.is_loop else road.end_m,
@@ -71,13 +72,21 @@ def write_page(
             "slow_m_s": SLOW_M_S,
             "fast_m_s": FAST_M_S,
         },
-        "sizes": [sizes[name] for name in sizes],
-        "frames": [_frame(snapshot, [*sizes]) for snapshot in snapshots],
-        "decisions": [vars(decision) for decision in decisions],
+        "episodes": [_episode(episode) for episode in episodes],
     }
-    data = json.dumps(episode, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    data = json.dumps(page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     template = TEMPLATE.read_text(encoding="utf-8")
     write_atomic(path, template.replace(PLACEHOLDER, data, 1).encode())
+
+
+def _episode(episode: PageEpisode) -> dict[str, Any]:
+    sizes = _sizes(episode.snapshots)
+    return vars(episode) | {
+        "sizes": [*sizes.values()],
+        "frames": [_frame(snapshot, [*sizes]) for snapshot in episode.snapshots],
+        "decisions": [vars(decision) for decision in episode.decisions],
+        "snapshots": None,
+    }
 
 
 def _part(part: PartialLane, road: Road) -> dict[str, float]:

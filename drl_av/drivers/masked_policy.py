@@ -48,6 +48,13 @@ class MaskedPolicyDriver(Driver):
         """
         return ACTIONS[self.logits(scene).argmax()]
 
+    def probabilities(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the probability of each action in training, shape (12,); 0 if not permitted."""
+        logits = self.logits(scene)
+        weights: npt.NDArray[np.float32] = np.exp(logits - logits.max())
+        weights /= weights.sum()
+        return weights
+
     def logits(self, scene: Scene) -> npt.NDArray[np.float32]:
         """Return the logits of the 12 actions, -inf for those that the check does not permit."""
         permitted = action_mask(self._check, scene)
@@ -65,7 +72,8 @@ def actor_driver(
 ) -> MaskedPolicyDriver:
     """Return the driver of a training at scale for an environment with this config and check.
 
-    A driver that was trained under ``strict`` warns of another check.
+    A driver that was trained under ``strict`` warns of another check, and each one of a road whose
+    lanes end or leave, because it was trained on a loop.
 
     Raises:
         RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
@@ -85,8 +93,16 @@ def actor_driver(
             DrlAvWarning,
             stacklevel=2,
         )
-    scenario = load_scenario(find_scenario(config.simulation.scenario))
-    return MaskedPolicyDriver(layers, check, scenario.road, config)
+    road = load_scenario(find_scenario(config.simulation.scenario)).road
+    if road.partial_lanes:
+        warnings.warn(
+            f"{name} was trained on a loop and does not see where a lane ends or leaves, as on "
+            f"{config.simulation.scenario}: it may stand at the end of its lane; gap-mobil and "
+            "pretrained-ramp_to_ramp see it.",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+    return MaskedPolicyDriver(layers, check, road, config)
 
 
 def load_actor(path: Path) -> tuple[Layers, Config]:

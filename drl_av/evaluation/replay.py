@@ -1,14 +1,15 @@
 """Shows an episode in sumo-gui, as a video or as a web page, and repeats recordings exactly."""
 
 import time
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.drawing.page import PageDecision, write_page
+from drl_av.drawing.page import PageDecision, PageEpisode
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
+from drl_av.drivers.masked_policy import MaskedPolicyDriver
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
@@ -23,7 +24,6 @@ from drl_av.evaluation.recording import (
     record_episode,
 )
 from drl_av.road.road import Road
-from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.sumo import option_words
 
@@ -50,36 +50,39 @@ class Pacer:
         time.sleep(self._due_s - now)
 
 
-class Page:
-    """Collects an episode, and writes it as one HTML file that plays in a browser."""
+class PageRecorder:
+    """Collects an episode for a page, with the values of a learned driver."""
 
-    def __init__(self, title: str, road: Road, driver: Driver, facts: str = "") -> None:
-        self._title, self._road, self._facts = title, road, facts
-        self._values = driver.values if isinstance(driver, LearnedDriver) else None
-        self._snapshots: list[Snapshot] = []
-        self._decisions: list[PageDecision] = []
+    def __init__(self, session: "ReplaySession") -> None:
+        self._driver = session.driver
+        are = "Probabilities" if isinstance(session.driver, MaskedPolicyDriver) else "Q-values"
+        self.episode = PageEpisode(session.title, session.facts, are)
 
     def __call__(self, decision: Transition) -> None:
-        """Add the next decision of the episode, with the Q-values of a learned driver."""
-        if not self._snapshots:
-            self._snapshots.append(decision.scene.snapshot)
-        self._snapshots.append(decision.next_scene.snapshot)
-        q = None if self._values is None else self._values(decision.observation).tolist()
+        """Add the next decision of the episode."""
+        if not self.episode.snapshots:
+            self.episode.snapshots.append(decision.scene.snapshot)
+        self.episode.snapshots.append(decision.next_scene.snapshot)
         made = PageDecision(
             proposed=decision.proposed.number,
             executed=decision.executed.number,
             rule=str(decision.rule),
             reward=decision.reward,
             **decision.terms._asdict(),
-            q=q,
+            values=self._values(decision),
             collision=None if decision.collision is None else decision.collision.kind.value,
         )
-        self._decisions.append(made)
+        self.episode.decisions.append(made)
 
-    def write(self, path: Path) -> None:
-        """Write the page; raises DrlAvError if the file cannot be written."""
-        shown = self._snapshots, self._decisions, self._facts
-        write_page(path, self._title, self._road, *shown)
+    def _values(self, decision: Transition) -> list[float] | None:
+        match self._driver:
+            case LearnedDriver() as driver:
+                values = driver.values(decision.observation)
+            case MaskedPolicyDriver() as driver:
+                values = driver.probabilities(decision.scene)
+            case _:
+                return None
+        return [float(value) for value in values]
 
 
 @dataclass(frozen=True)
@@ -164,3 +167,13 @@ def replay_session(recording: Recording, custom: CustomParts = NOTHING_CUSTOM) -
         recording,
         custom,
     )
+
+
+def require_same_traffic(sessions: Sequence[ReplaySession]) -> None:
+    """Raise RecordingError unless these episodes meet the same traffic on the same road."""
+    met = [(one.seed, one.vehicles, one.config.simulation, one.config.traffic) for one in sessions]
+    if any(each != met[0] for each in met):
+        raise RecordingError(
+            "These recordings are of other traffic or another road, so that one page would compare "
+            "nothing: record both with the same --seed, --vehicles, --scenario and --traffic."
+        )

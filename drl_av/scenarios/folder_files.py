@@ -1,6 +1,7 @@
 """The files of a scenario folder: network, vehicle types, demo traffic, view, checksums."""
 
 import hashlib
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,6 +35,10 @@ ALL_FILES = (DESCRIPTION_FILE, *COMMENTS)
 """The files that have checksums; other files in the folder belong to the user."""
 
 
+SHOWN_M = (400.0, 250.0)
+"""Width and height of what sumo-gui shows at first of a larger network."""
+
+
 def scenario_texts(description: RoadDescription) -> dict[str, str]:
     """Return the text of each file of a scenario folder, by file name.
 
@@ -42,13 +47,14 @@ def scenario_texts(description: RoadDescription) -> dict[str, str]:
         SimulationError: netconvert cannot be run.
     """
     kind = road_type_of(description)
+    network = kind.network_text(description)
     texts = {
         DESCRIPTION_FILE: stated_road_type(description) + description.to_toml(),
-        NETWORK_FILE: kind.network_text(description),
+        NETWORK_FILE: network,
         VEHICLE_TYPES_FILE: xml_text(_vehicle_types(description)),
         TRAFFIC_FILE: xml_text(_demo(kind.traffic(description), description)),
         CONFIG_FILE: xml_text(_configuration(description)),
-        VIEW_FILE: xml_text(_view()),
+        VIEW_FILE: xml_text(_view(ET.fromstring(network))),
     }
     texts |= {name: xml_text(root) for name, root in kind.additional(description).items()}
     texts = {name: _commented(text, COMMENTS.get(name, "")) for name, text in texts.items()}
@@ -152,16 +158,30 @@ def _configuration(description: RoadDescription) -> ET.Element:
     return root
 
 
-def _view() -> ET.Element:
+def _view(network: ET.Element) -> ET.Element:
     """Return view settings of sumo-gui: real-world colours, and captions of points of interest.
 
-    A caption is the parameter ``caption`` of its point. The view sets no viewport, which would undo
-    the zoom of the simulation, and no delay, with which libsumo's close never returns.
+    A caption is the parameter ``caption`` of its point. On a network of more than twice ``SHOWN_M``
+    a vehicle would be a dot: the window then shows the middle of the first edge with most lanes,
+    where ramps join or leave. The view sets no delay, with which libsumo's close never returns.
     """
     root = ET.Element("viewsettings")
+    west, south, east, north = _numbers(network.find("location"), "convBoundary")
+    larger = max((east - west) / SHOWN_M[0], (north - south) / SHOWN_M[1])
+    if larger > 2:
+        widest = max((edge for edge in network.iter("edge") if not edge.get("function")), key=len)
+        shape = _numbers(widest.find("lane"), "shape")
+        before, after = (len(shape) // 2 - 1) // 2 * 2, len(shape) // 4 * 2
+        x, y = (shape[before] + shape[after]) / 2, (shape[before + 1] + shape[after + 1]) / 2
+        ET.SubElement(root, "viewport", zoom=f"{100 * larger:.0f}", x=f"{x:.1f}", y=f"{y:.1f}")
     scheme = ET.SubElement(root, "scheme", name="real world")
     ET.SubElement(scheme, "edges", showLinkRules="0")
     text = {"show": "1", "size": "60", "color": "white", "bgColor": "40,40,40", "constantSize": "1"}
     caption = {f"poiText_{name}": value for name, value in text.items()}
     ET.SubElement(scheme, "pois", {"poiTextParam": "caption"} | caption)
     return root
+
+
+def _numbers(element: ET.Element | None, attribute: str) -> list[float]:
+    assert element is not None
+    return [float(word) for word in re.split("[ ,]", element.attrib[attribute])]

@@ -1,5 +1,6 @@
 """Pictures of a scene, moments between decisions, and videos."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -271,3 +272,13 @@ def test_full_disk_is_reported_in_one_sentence_and_leaves_nothing(
     assert "check that the disk has room" in ended.stdout
     assert ended.stdout.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_encoder_a_gif_is_written_and_an_mp4_names_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    frames = [np.zeros((4, 4, 3), np.uint8)] * 2
+    assert write_video(tmp_path / "film.gif", frames, 5.0) == 2
+    with pytest.raises(RecordingError, match=r"pip install imageio-ffmpeg, or name a \.gif"):
+        write_video(tmp_path / "film.mp4", frames, 5.0)

@@ -1,5 +1,6 @@
 """The page of an episode plays in a real browser, from one file."""
 
+import html
 import json
 import re
 import shutil
@@ -11,7 +12,7 @@ from PIL import Image
 from worlds import LEFT, ROAD, Car, ahead, snapshot
 
 from drl_av.drawing.canvas import EGO_COLOR
-from drl_av.drawing.page import PageDecision, write_page
+from drl_av.drawing.page import PageDecision, PageEpisode, write_page
 
 RED = (255, 92, 108)
 KEEP = PageDecision(0, 0, "none", -0.1, -0.2, -0.1, 0.0, [float(n) for n in range(12)], None)
@@ -22,7 +23,8 @@ BRAKE = PageDecision(1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0, None, "ego hit the 
 def page(tmp_path: Path) -> Path:
     """Two decisions: the ego follows a vehicle 20 m ahead, and one drives in the left lane."""
     shots = [snapshot(ahead(20.0), Car(-10.0, LEFT), s_m=s_m) for s_m in (480.0, 500.0, 20.0)]
-    write_page(tmp_path / "page.html", "a <story>", ROAD, shots, [KEEP, BRAKE])
+    episode = PageEpisode("a <story>", snapshots=shots, decisions=[KEEP, BRAKE])
+    write_page(tmp_path / "page.html", ROAD, [episode])
     return tmp_path / "page.html"
 
 
@@ -58,8 +60,9 @@ def test_a_rule_and_a_collision_are_shown_and_text_cannot_end_the_script(page: P
 def test_the_facts_and_the_events_are_on_the_page(page: Path) -> None:
     shots = [snapshot(ahead(20.0), s_m=100.0 + 20 * k) for k in range(21)]
     decisions = [BRAKE if k == 9 else KEEP for k in range(20)]
-    write_page(page, "drive", ROAD, shots, decisions, "safety check: strict")
-    assert 'id="facts">safety check: strict<' in browser(page, 0.0, "--dump-dom")
+    facts = "safety check: strict"
+    write_page(page, ROAD, [PageEpisode("drive", facts, "Q-values", shots, decisions)])
+    assert 'class="facts">safety check: strict<' in browser(page, 0.0, "--dump-dom")
     picture = page.with_name("page.png")
     browser(page, 0.0, "--window-size=1200,760", f"--screenshot={picture}")
     image = Image.open(picture).convert("RGB")
@@ -86,4 +89,30 @@ def test_the_page_is_one_file_that_names_no_other(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert not re.search(r"https?://|src=|href=|@import|url\(", text)
     [data] = re.findall(r'type="application/json">(.*?)</script>', text, flags=re.S)
-    assert json.loads(data)["frames"][0]["s"] == [480.0, 5.0, 470.0]
+    assert json.loads(data)["episodes"][0]["frames"][0]["s"] == [480.0, 5.0, 470.0]
+
+
+def test_two_episodes_share_the_time_bar_and_the_one_that_ended_says_when(page: Path) -> None:
+    whole = [snapshot(ahead(20.0), s_m=480.0 + 20 * k) for k in range(6)]
+    slow = [snapshot(ahead(20.0), s_m=480.0 + 10 * k, speed_m_s=10.0) for k in range(4)]
+    one = PageEpisode("whole", "under strict", "Probabilities", whole, [KEEP] * 5)
+    other = PageEpisode("short", snapshots=slow, decisions=[KEEP, KEEP, BRAKE])
+    write_page(page, ROAD, [one, other])
+    shown = browser(page, 4.0, "--dump-dom")
+    assert "<title>whole beside short</title>" in shown
+    assert "4.0 s of 5 s" in shown
+    assert "20.0 m/s; so far 80 m<" in shown  # over the end of the loop of 500 m
+    assert "10.0 m/s; so far 30 m; ended at 3 s<" in shown
+    assert re.search(r"of whole<.*Probabilities<.*of short<.*this driver has none<", shown, re.S)
+    assert shown.count('class="events"') == 2
+
+
+def test_on_a_phone_the_page_is_not_wider_than_the_screen(page: Path) -> None:
+    frame, text = page.with_name("phone.html"), html.escape(page.read_text(encoding="utf-8"))
+    script = "const d = f.contentDocument.documentElement; document.title = d.scrollWidth"
+    frame.write_text(
+        f"<iframe id=f width=360 height=700 srcdoc='{text}'></iframe>"
+        f"<script>onload = () => {{ {script} - d.clientWidth }}</script>",
+        encoding="utf-8",
+    )
+    assert "<title>0</title>" in browser(frame, 0.0, "--dump-dom")

@@ -1,5 +1,6 @@
 """The driver of a training at scale: its files, and how it chooses among permitted actions."""
 
+import warnings
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
@@ -179,3 +180,14 @@ def test_the_driver_needs_no_observation_of_the_environment(run: Path) -> None:
         with closing(wide):
             again = first_three(wide, driver)
     assert proposed == again
+
+
+@pytest.mark.parametrize(("scenario", "told"), [("lane_drop", 1), ("straight", 0)])
+def test_it_says_where_it_does_not_see_that_a_lane_ends(scenario: str, told: int) -> None:
+    config = {"simulation": {"scenario": scenario}, "safety": {"check": "strict"}}
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        load_driver("pretrained", config)
+    words = [str(each.message) for each in said]
+    assert len(words) == told
+    assert all(f"does not see where a lane ends or leaves, as on {scenario}" in w for w in words)

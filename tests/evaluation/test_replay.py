@@ -141,9 +141,10 @@ def test_pacer_waits_until_the_next_decision_is_due(monkeypatch: pytest.MonkeyPa
     assert slept == pytest.approx([0.5, 0.4, 0.0, 0.4])
 
 
-def page_data(file: Path) -> dict[str, Any]:
+def page_data(file: Path) -> list[dict[str, Any]]:
+    """The episodes on a page."""
     [data] = re.findall(r'type="application/json">(.*?)</script>', file.read_text(), flags=re.S)
-    found: dict[str, Any] = json.loads(data)
+    found: list[dict[str, Any]] = json.loads(data)["episodes"]
     return found
 
 
@@ -153,23 +154,75 @@ def test_the_page_of_a_recording_holds_its_places_and_decisions(
     page = tmp_path / "page.html"
     assert main(["replay", str(file), "--html", str(page)]) == 0
     assert f"{page}: open it in a browser\n" in capsys.readouterr().out
-    data = page_data(page)
+    [data] = page_data(page)
     assert data["title"] == "random, seed 11"
     assert len(data["frames"]) == 13
     places = np.array([frame["s"] for frame in data["frames"]])
     np.testing.assert_allclose(places, recording.states[:, :, 0], atol=0.0051)
     proposed = [decision["proposed"] for decision in data["decisions"]]
     assert proposed == recording.proposed.tolist()
-    assert all(decision["q"] is None for decision in data["decisions"])
+    assert all(decision["values"] is None for decision in data["decisions"])
 
 
-def test_the_page_of_a_learned_driver_shows_the_values_that_it_chose_by(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("driver", "are"), [("pretrained-paper", "Q-values"), ("pretrained", "Probabilities")]
+)
+def test_the_page_of_a_learned_driver_shows_the_values_that_it_chose_by(
+    driver: str, are: str, tmp_path: Path
+) -> None:
     page = tmp_path / "page.html"
-    words = ["replay", "pretrained-paper", "--decisions", "8", "--seed", "4"]
+    words = ["replay", driver, "--decisions", "8", "--seed", "4"]
     assert main([*words, "--html", str(page)]) == 0
-    for decision in page_data(page)["decisions"]:
-        assert len(decision["q"]) == 12
-        assert max(decision["q"]) - decision["q"][decision["proposed"]] == 0.0
+    [data] = page_data(page)
+    assert data["values_are"] == are
+    for decision in data["decisions"]:
+        assert len(decision["values"]) == 12
+        assert max(decision["values"]) == decision["values"][decision["proposed"]]
+        if are == "Probabilities":
+            assert sum(decision["values"]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_two_drivers_meet_the_same_traffic_on_one_page(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive = ["--decisions", "3", "--seed", "4", "--vehicles", "9"]
+    assert main(["replay", "idm@strict", "--driver", "random", *drive, "--html", "two.html"]) == 0
+    said = capsys.readouterr().out
+    assert "idm@strict, check strict, 9 vehicles, seed 4: 3 decisions" in said
+    assert "random, check paper, 9 vehicles, seed 4: 3 decisions" in said
+    one, other = page_data(Path("two.html"))
+    assert (one["title"], other["title"]) == ("idm@strict, seed 4", "random, seed 4")
+    assert one["frames"][0] == other["frames"][0]
+    assert one["frames"][3] != other["frames"][3]
+    for name in ("idm", "random"):
+        assert main(["replay", name, *drive, "--record", f"{name}.npz"]) == 0
+    assert main(["replay", "idm.npz", "random.npz", "--html", "again.html"]) == 0
+    assert page_data(Path("again.html"))[1]["frames"] == other["frames"]
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("idm random --record x.npz", "idm and random are no one episode: --html, and no other"),
+        ("idm random --html x.html --record x.npz", "idm and random are no one episode"),
+        ("idm random gap-mobil --html x.html", "idm and random and gap-mobil are no one episode"),
+        ("own.npz idm --html x.html", r"own\.npz and idm are no one episode"),
+        ("own.npz other.npz --html x.html", r"These recordings are of other traffic"),
+        ("a.csv b.csv --worst min_ttc_s --html x.html", "--worst takes a table of evaluate"),
+    ],
+)
+def test_what_no_page_can_show_is_one_sentence(
+    words: str,
+    why: str,
+    recording: Recording,
+    here: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    recording.save(Path("own.npz"))
+    replace(recording, seed=12).save(Path("other.npz"))
+    assert main(["replay", *words.split()]) == 1
+    assert re.fullmatch(f"drl-av: {why}.*\n", capsys.readouterr().err)
+    assert not Path("x.html").exists()
 
 
 @pytest.mark.parametrize(

@@ -332,7 +332,7 @@ def test_wheel_lists_every_package_and_the_scenarios() -> None:
         ".".join(init.parent.relative_to(CHECKOUT).parts)
         for init in (CHECKOUT / "drl_av").rglob("__init__.py")
     }
-    assert set(build["packages"]) == found | {"drl_av.sumo_scenarios"}
+    assert set(build["packages"]) == found | {"drl_av.sumo_scenarios", "verification.proofs"}
 
 
 def test_the_demo_traffic_has_the_parameters_of_the_environment_s(tmp_path: Path) -> None:

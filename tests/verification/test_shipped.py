@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import python
 from shown import ROOT, read
 
 from drl_av.errors import ConfigError
@@ -16,7 +17,11 @@ from verification import crash_rate, falsify
 from verification.crash_simulation import SECONDS, drivers, run, settings
 from verification.naturalistic import PEOPLE
 
-SHIPPED = tomllib.loads(read("pyproject.toml"))["tool"]["setuptools"]["py-modules"]
+BUILD = tomllib.loads(read("pyproject.toml"))["tool"]["setuptools"]
+PROOFS = [
+    f"verification.proofs.{path.stem}" for path in (ROOT / "verification/proofs").glob("*.py")
+]
+SHIPPED = [*BUILD["py-modules"], *PROOFS]
 PARTS = """
 from drl_av.driving.actions import ACTIONS
 from drl_av.safety.check import Rule, Verdict
@@ -63,7 +68,14 @@ def test_a_shipped_program_imports_only_what_is_shipped(module: str) -> None:
     tree = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8"))
     names = {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     beside = {name for name in names if name.split(".")[0] in ("verification", "studies", "tools")}
-    assert beside <= {*SHIPPED}
+    assert beside <= {*SHIPPED, *BUILD["packages"]}
+
+
+def test_the_proof_says_which_extra_has_what_it_lacks() -> None:
+    without = "import sys; sys.modules['z3'] = None; import verification.prove"
+    ended = python("-c", without)
+    assert ended.returncode == 1
+    assert re.fullmatch(r"prove: .*z3.*: pip install 'drl-av\[verify\]'\.\n", ended.stderr)
 
 
 @pytest.mark.parametrize("check", ["paper", "strict", "real"])
