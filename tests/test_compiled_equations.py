@@ -17,7 +17,14 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.rule_based import GapMobilDriver, IdmDriver, MobilDriver
 from drl_av.driving import maneuver
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import CODES, VALUES, compute_affordances, indicators
+from drl_av.driving.affordances import (
+    CODES,
+    VALUES,
+    complete,
+    compute_affordances,
+    indicators,
+)
+from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_numbers, reward_terms
 from drl_av.road.road import PartialLane, Road
@@ -185,6 +192,31 @@ def test_the_indicators_of_any_vehicle_in_the_place_of_the_ego() -> None:
         indicators(*world.snapshot.arrays, numbered, range_m, values, codes, row)
         expected = compute_affordances(seen_from(world.snapshot, row), road, range_m).vector()
         assert values[:27].tobytes() == expected.tobytes()
+
+
+def test_the_order_along_the_road_finds_the_same_vehicles_as_a_look_at_all() -> None:
+    rng = np.random.default_rng(11)
+    for world, road, config in scenes(11):
+        shot, range_m = world.snapshot, config.observation.range_m
+        n, row, numbered = len(shot.ids), int(rng.integers(len(shot.ids))), road_numbers(road)
+        if rng.random() < 0.3:  # vehicles at the very same place
+            shot.s_m[rng.integers(n, size=n // 2)] = shot.s_m[row]
+        order, places = np.empty(n, np.int64), np.empty(n, np.int64)
+        road_m, state = (road.lap_m, road.lane_width_m), shot.arrays
+        sizes = state[0], state[1], state[4], state[5]
+        longest_m, *lanes = sort_along(*sizes, road.lane_width_m, order, places)
+        along = Along(order, places, longest_m, tuple(lanes))
+        wanted, all_codes = np.empty(VALUES), np.empty(CODES, np.int64)
+        indicators(*state, numbered, range_m, wanted, all_codes, row)
+        for looks_aside in (True, False):
+            values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
+            around = road_m, along, range_m, row, looks_aside, values, codes
+            find_nearest(*sizes, *around)
+            complete(state[:5], numbered, range_m, values, codes, row)
+            seen = slice(None) if looks_aside else slice(4)
+            assert values[seen].tobytes() == wanted[seen].tobytes()
+            assert codes[0] == all_codes[0]
+            assert not looks_aside or np.array_equal(codes, all_codes)
 
 
 def test_roads() -> None:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, inlined
 from drl_av.config import ObservationConfig
 from drl_av.road.road import (
     LANE_CHANGE_S,
@@ -229,7 +229,7 @@ def indicators(
     ``values``, shape (30,), and ``codes``, shape (10,), which ``Indicators`` describes. They are
     those of the ego, or of another vehicle in its place, whose row is ``viewer``.
     """
-    vehicles, lane = len(s_m), lane_of(y_m[viewer], road.lane_width_m)
+    lane = lane_of(y_m[viewer], road.lane_width_m)
     own_m = lane * road.lane_width_m
     right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
     lap_m, half_lap_m = road.lap_m, road.lap_m / 2
@@ -237,7 +237,7 @@ def indicators(
     for slot in range(6):
         values[4 * slot] = np.inf
         codes[slot] = NO_VEHICLE
-    for row in range(vehicles):
+    for row in range(len(s_m)):
         if row == viewer:
             continue
         ahead_m = around(s_m[row] - own_s_m + half_lap_m, lap_m) - half_lap_m
@@ -249,7 +249,24 @@ def indicators(
             is_nearer = (abs(y_m[row] - center_m) < reach_m) & (gap_m < nearest_m)
             values[4 * slot] = gap_m if is_nearer else nearest_m
             codes[slot] = row if is_nearer else its_row
-    front_m = own_s_m + own_length_m / 2
+    state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
+    complete(state, road, range_m, values, codes, viewer)
+
+
+@inlined
+def complete(
+    state: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    road: RoadNumbers,
+    range_m: float,
+    values: FloatArray,
+    codes: IntArray,
+    viewer: int,
+) -> None:
+    """Compute all that ``indicators`` computes but the gaps and rows of the slots, now known."""
+    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m = state
+    lane, vehicles = lane_of(y_m[viewer], road.lane_width_m), len(s_m)
+    own_s_m, own_m = s_m[viewer], lane * road.lane_width_m
+    front_m = own_s_m + length_m[viewer] / 2
     codes[LANE], codes[CHANGES], values[WITHIN], values[FRONT] = lane, 0, np.inf, front_m
     codes[RIGHT_LANE], codes[LEFT_LANE] = is_open(lane - 1, road), is_open(lane + 1, road)
     if len(road.partial_lanes) > 0:
@@ -272,36 +289,19 @@ def indicators(
     values[24], values[25] = speed_m_s[viewer], y_m[viewer]
     values[26] = lateral_speed_m_s[viewer]
     for slot in range(6):
-        complete(slot, y_m, speed_m_s, lateral_speed_m_s, road.lane_width_m, range_m, values, codes)
-
-
-def complete(
-    slot: int,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    lane_width_m: float,
-    range_m: float,
-    values: FloatArray,
-    codes: IntArray,
-) -> None:
-    """Fill in the four indicators of a slot whose gap and row are known."""
-    at, row, sign = 4 * slot, codes[slot], SIDES[slot // 2]
-    if values[at] > range_m or row == NO_VEHICLE:
-        codes[slot] = NO_VEHICLE
-        center_m = codes[LANE] * lane_width_m + sign * lane_width_m
-        values[at] = range_m if has_lane(codes, sign) else 0.0
-        values[at + 1], values[at + 2], values[at + 3] = 0.0, center_m - values[25], 0.0
-        return
-    values[at] = values[at] if values[at] > 0.0 else 0.0
-    if row == len(y_m):  # the end of a lane
-        center_m = (codes[LANE] + sign) * lane_width_m
-        values[at + 1], values[at + 2] = 0.0 - values[24], center_m - values[25]
-        values[at + 3] = 0.0 - values[26]
-        return
-    values[at + 1] = speed_m_s[row] - values[24]
-    values[at + 2] = y_m[row] - values[25]
-    values[at + 3] = lateral_speed_m_s[row] - values[26]
+        at, row, sign = 4 * slot, codes[slot], SIDES[slot // 2]
+        if values[at] > range_m or row == NO_VEHICLE:
+            codes[slot] = NO_VEHICLE
+            values[at] = range_m if has_lane(codes, sign) else 0.0
+            its_m = own_m + sign * road.lane_width_m - values[25]
+            values[at + 1], values[at + 2], values[at + 3] = 0.0, its_m, 0.0
+            continue
+        values[at] = values[at] if values[at] > 0.0 else 0.0
+        its_m_s, its_y_m, its_lateral_m_s = 0.0, (lane + sign) * road.lane_width_m, 0.0
+        if row < vehicles:  # else the end of a lane
+            its_m_s, its_y_m, its_lateral_m_s = speed_m_s[row], y_m[row], lateral_speed_m_s[row]
+        values[at + 1], values[at + 2] = its_m_s - values[24], its_y_m - values[25]
+        values[at + 3] = its_lateral_m_s - values[26]
 
 
 def gap_in(values: FloatArray, codes: IntArray, slot: int) -> float:

@@ -80,6 +80,20 @@ def finite_state(
     return state, limited, side
 
 
+def looks_aside(
+    values: FloatArray,
+    codes: IntArray,
+    lane_width_m: float,
+    state: int,
+    desired_m_s: float,
+    config: Settings,
+) -> bool:
+    """Return whether ``finite_state`` depends on more of the scene than the vehicle ahead."""
+    changing = abs(values[25] - codes[LANE] * lane_width_m) > CENTERED_M
+    follows = longitudinal_state(values, codes, state, config) == FOLLOW
+    return changing or (follows and is_slow(values, desired_m_s, config))
+
+
 def longitudinal_state(values: FloatArray, codes: IntArray, state: int, config: Settings) -> int:
     """Return FOLLOW near the vehicle ahead, else CRUISE, with a hysteresis."""
     headway_s = config.follow_headway_s if state == CRUISE else config.cruise_headway_s
@@ -91,13 +105,19 @@ def wanted_side(
     values: FloatArray, codes: IntArray, state: int, desired_m_s: float, config: Settings
 ) -> int:
     """Return the lane change that a vehicle wants: +1 left, -1 right, 0 none."""
-    if state != FOLLOW or not values[24] + values[1] < desired_m_s - config.slow_leader_m_s:
+    if state != FOLLOW or not is_slow(values, desired_m_s, config):
         return 0
     left = gain(values, codes, 1, config) if clear(values, codes, 1, config) else -np.inf
     right = gain(values, codes, -1, config) if clear(values, codes, -1, config) else -np.inf
     if not max(left, right) >= config.worthwhile_gain_m_s:
         return 0
     return 1 if left >= right else -1
+
+
+def is_slow(values: FloatArray, desired_m_s: float, config: Settings) -> bool:
+    """Return whether the vehicle ahead is slow."""
+    slow: bool = values[24] + values[1] < desired_m_s - config.slow_leader_m_s
+    return slow
 
 
 def clear(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> bool:

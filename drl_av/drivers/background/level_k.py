@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import borrowing, numbers
 from drl_av.config import Config, Level0Config, SafetyConfig
 from drl_av.drivers.network import LEAK, Float32Array, Layers
 from drl_av.drivers.policy_file import load_run
@@ -69,6 +69,8 @@ class LevelKNumbers(NamedTuple):
     acceleration_m_s2: FloatArray
     """That of each action, shape (12,)."""
     safety: SafetyNumbers
+    units: int
+    """The number of units of the widest layer, the inputs included."""
 
 
 NO_LEVEL_K = LevelKNumbers(
@@ -79,6 +81,7 @@ NO_LEVEL_K = LevelKNumbers(
     bounds=np.zeros(0, np.float32),
     acceleration_m_s2=np.zeros(0),
     safety=numbers(SafetyNumbers, SafetyConfig()),
+    units=0,
 )
 """Takes the place of the driver in traffic without any; its types are the usual ones."""
 
@@ -96,45 +99,59 @@ def level_k_numbers(layers: Layers, config: Config, road: Road) -> LevelKNumbers
             [action.longitudinal.acceleration_m_s2(config.ego) for action in ACTIONS], np.float64
         ),
         safety=numbers(SafetyNumbers, config.safety),
+        units=max(size for weight, _ in layers for size in weight.shape),
     )
 
 
+@borrowing
 def level_k(
-    values: FloatArray, codes: IntArray, lane_width_m: float, driver: LevelKNumbers
+    values: FloatArray,
+    codes: IntArray,
+    lane_width_m: float,
+    driver: LevelKNumbers,
+    units: Float32Array,
 ) -> tuple[float, int]:
     """Return the acceleration, m/s^2, and the lane change with the greatest Q-value.
 
     As in its training, a vehicle requests a lane change only if rules 2 and 3 of the check
     ``paper`` permit it. It requests none during a lane change, because SUMO cannot abort one.
+    ``units`` is scratch, shape (2, ``driver.units``).
     """
-    entered = np.empty(len(driver.bounds), np.float32)
-    scale_into(values, driver.offset, driver.scale, driver.bounds, entered)
+    entered, sums = units[0], units[1]
+    scale_into(values, driver.offset, driver.scale, driver.bounds, entered[: len(driver.bounds)])
     last = len(driver.layers) - 1
     for number, (weight, bias) in enumerate(driver.layers):
-        entered = layer(weight, bias, entered)
-        for place in range(0 if number == last else len(entered)):
-            entered[place] = max(entered[place], entered[place] * np.float32(LEAK))
-    best = int(entered.argmax())
+        layer(weight, bias, entered, sums)
+        for place in range(0 if number == last else len(bias)):
+            sums[place] = max(sums[place], sums[place] * np.float32(LEAK))
+        entered, sums = sums, entered
+    best = 0
+    for action in range(1, len(driver.acceleration_m_s2)):
+        best = action if entered[action] > entered[best] else best
     sign = SIGNS[best // 4]
     changing = abs(values[25] - codes[LANE] * lane_width_m) > CENTERED_M
     permitted = has_lane(codes, sign) and is_clear(values, codes, sign, driver.safety)
     return driver.acceleration_m_s2[best], sign if permitted and not changing else 0
 
 
-@compiled
-def layer(weight: Float32Array, bias: Float32Array, entered: Float32Array) -> Float32Array:
-    """Return the sums of one layer of a network, shape (outputs,).
+@borrowing
+def layer(
+    weight: Float32Array, bias: Float32Array, entered: Float32Array, sums: Float32Array
+) -> None:
+    """Fill the first elements of ``sums`` with the sums of one layer of a network.
 
     It adds the inputs one after the other, so the result is the same on every machine, for one
     vehicle and for many; BLAS promises neither.
     """
     inputs, outputs = weight.shape
-    z, row = bias.copy(), 0
+    row = 0
+    for out in range(outputs):
+        sums[out] = bias[out]
     while row + 4 <= inputs:
         a, b, c, d = entered[row], entered[row + 1], entered[row + 2], entered[row + 3]
         for out in range(outputs):
-            z[out] = (
-                z[out]
+            sums[out] = (
+                sums[out]
                 + a * weight[row, out]
                 + b * weight[row + 1, out]
                 + c * weight[row + 2, out]
@@ -143,9 +160,8 @@ def layer(weight: Float32Array, bias: Float32Array, entered: Float32Array) -> Fl
         row += 4
     while row < inputs:
         for out in range(outputs):
-            z[out] += entered[row] * weight[row, out]
+            sums[out] += entered[row] * weight[row, out]
         row += 1
-    return z
 
 
 def load_level_k(road: Road, level: int, folder: Path | None = None) -> LevelKNumbers:

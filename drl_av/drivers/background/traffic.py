@@ -4,13 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import borrowing, compiled, numbers
 from drl_av.config import Config
 from drl_av.drivers.background.finite_state import (
     FiniteStateNumbers,
     HardBraking,
     State,
     finite_state,
+    looks_aside,
 )
 from drl_av.drivers.background.level_k import (
     NO_LEVEL_K,
@@ -21,8 +22,10 @@ from drl_av.drivers.background.level_k import (
     load_level_k,
 )
 from drl_av.drivers.background.right_of_way import give_way
+from drl_av.drivers.network import Float32Array
 from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
-from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
+from drl_av.driving.affordances import CODES, VALUES, IntArray, complete
+from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, road_numbers
 from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
@@ -143,28 +146,62 @@ def decide(
     ``models`` holds the ``DriverModel``, ``braking`` for how many decisions a vehicle brakes hard.
     The function updates ``states`` and ``braking``, and fills the last two arrays in ``rows``.
     """
-    state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
-    road, range_m, lane_m = traffic.road, traffic.range_m, traffic.road.lane_width_m
-    values, codes, changes = np.empty(VALUES), np.empty(CODES, np.int64), False
+    n, scene = len(s_m), (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
+    scratch = (
+        np.empty(VALUES),
+        np.empty(CODES, np.int64),
+        np.empty((2, max(traffic.level_1.units, traffic.level_2.units)), np.float32),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+    )
+    of_vehicles = models, desired_m_s, states, braking, acceleration_m_s2, side
+    if decide_each(scene, traffic, rows, of_vehicles, scratch):
+        limits = (traffic.road.lap_m, traffic.road.lane_width_m), traffic.braking_m_s2
+        give_way(rows, side, *scene[:5], *limits, traffic.times_s)
+
+
+@borrowing
+def decide_each(
+    scene: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    traffic: TrafficNumbers,
+    rows: IntArray,
+    of_vehicles: tuple[IntArray, FloatArray, IntArray, IntArray, FloatArray, IntArray],
+    scratch: tuple[FloatArray, IntArray, Float32Array, IntArray, IntArray],
+) -> bool:
+    """Do what ``decide`` does but for the right of way; return whether one wants a lane change."""
+    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
+    models, desired_m_s, states, braking, acceleration_m_s2, side = of_vehicles
+    values, codes, units, order, places = scratch
+    road, lane_m, machine, changes = traffic.road, traffic.road.lane_width_m, traffic.machine, False
+    longest_m, right, left = sort_along(s_m, y_m, length_m, width_m, lane_m, order, places)
+    along, road_m = Along(order, places, longest_m, (right, left)), (road.lap_m, lane_m)
+    moving = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
     for row in rows:
-        if models[row] == LEVEL_1 or models[row] == LEVEL_2:
-            driver = traffic.level_1 if models[row] == LEVEL_1 else traffic.level_2
-            indicators(*state, road, driver.range_m, values, codes, row)
-            acceleration_m_s2[row], side[row] = level_k(values, codes, lane_m, driver)
+        model, state, desired = models[row], states[row], desired_m_s[row]
+        is_level_k = model in (LEVEL_1, LEVEL_2)
+        sees_all = is_level_k
+        driver = traffic.level_2 if model == LEVEL_2 else traffic.level_1
+        range_m = driver.range_m if sees_all else traffic.range_m
+        while True:
+            seen = range_m, row, sees_all, values, codes
+            find_nearest(s_m, y_m, length_m, width_m, road_m, along, *seen)
+            complete(moving, road, range_m, values, codes, row)
+            if sees_all or model == LEVEL_0:
+                break
+            sees_all = looks_aside(values, codes, lane_m, state, desired, machine)
+            if not sees_all:
+                break
+        if is_level_k:
+            acceleration_m_s2[row], side[row] = level_k(values, codes, lane_m, driver, units)
+        elif model == LEVEL_0:
+            action = level_0(values, codes, traffic.table)
+            acceleration_m_s2[row], side[row] = acceleration_of(action, traffic.ego), 0
         else:
-            indicators(*state, road, range_m, values, codes, row)
-            if models[row] == LEVEL_0:
-                action = level_0(values, codes, traffic.table)
-                acceleration_m_s2[row], side[row] = acceleration_of(action, traffic.ego), 0
-            else:
-                states[row], acceleration_m_s2[row], side[row] = finite_state(
-                    values, codes, lane_m, states[row], desired_m_s[row], traffic.machine
-                )
+            states[row], acceleration_m_s2[row], side[row] = finite_state(
+                values, codes, lane_m, state, desired, machine
+            )
         if braking[row] > 0:
             braking[row] -= 1
-            acceleration_m_s2[row], side[row] = -traffic.machine.braking_m_s2, 0
+            acceleration_m_s2[row], side[row] = -machine.braking_m_s2, 0
         changes = changes or side[row] != 0
-    if changes:
-        moving = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
-        limits = (road.lap_m, lane_m), traffic.braking_m_s2, traffic.times_s
-        give_way(rows, side, *moving, *limits)
+    return changes

@@ -249,10 +249,11 @@ def test_level_2_drives_by_its_own_network() -> None:
             shot = env.scene.snapshot
             found.append(env.traffic_drivers(shot).acceleration_m_s2)
     assert shot is not None
-    wanted = []
+    wanted, driver = [], load_level_k(ROAD, 2)
+    units = np.empty((2, driver.units), np.float32)
     for row in range(1, 31):
         values, codes, *_ = compute_affordances(seen_from(shot, row), ROAD, 250.0).arrays()
-        wanted.append(level_k(values, codes, ROAD.lane_width_m, load_level_k(ROAD, 2))[0])
+        wanted.append(level_k(values, codes, ROAD.lane_width_m, driver, units)[0])
     assert found[1].tolist() == wanted != found[0].tolist()
 
 
