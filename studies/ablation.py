@@ -1,7 +1,8 @@
 """Trains variants of the preset ``large`` in the twin, and measures what each choice is worth.
 
-``python -m studies.ablation`` continues where it stopped: a policy that exists is not trained
-again. Each policy drives in the twin under ``strict``, beside ``gap-mobil`` in the same traffic.
+``python -m studies.ablation`` continues where it stopped: it does not train a policy that exists
+again, nor make a row again. Each policy drives in the twin under ``strict``, beside ``gap-mobil``
+in the same traffic.
 """
 
 import argparse
@@ -9,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import safetensors.numpy
@@ -27,10 +28,10 @@ from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
 from drl_av.twin.worlds import FloatArray, IntArray
 from studies.options import RESULTS
 
-DECISIONS = 8_000_000
-"""The schedule, over which the learning rate falls."""
-SAVED = 200_000, 500_000, 1_000_000, 2_000_000, 4_000_000
-"""Decisions after which a policy is saved and measured; a training ends at the last."""
+SCHEDULE = 8_000_000
+"""Decisions over which the learning rate falls to 0."""
+DECISIONS = 4_000_000
+"""Decisions after which a training ends."""
 COUNTS = 5, 10, 15, 20, 25
 FIRST_SEED, EPISODES = 870_000, 100
 RULE = "gap-mobil"
@@ -131,7 +132,6 @@ class Row(NamedTuple):
 
     variant: str
     seed: int
-    decisions: int
     traffic: str
     gain_m_s: float
     """Mean over 5 to 25 vehicles of the difference of the mean speeds, paired by traffic seed."""
@@ -142,22 +142,19 @@ class Row(NamedTuple):
 
 def settings(variant: str, seed: int) -> Config:
     """Return the settings of a training."""
-    preset = PRESETS["large"].updated("ppo", decisions=DECISIONS).updated("learning", seed=seed)
+    preset = PRESETS["large"].updated("ppo", decisions=SCHEDULE).updated("learning", seed=seed)
     return VARIANTS[variant].changes(preset)
 
 
 def train(runs: Path, job: tuple[str, int]) -> None:
-    """Train a variant with a seed, and save its policies in a folder of its own."""
-    folder = runs / "{}-{}".format(*job)
-    if (folder / f"{SAVED[-1]}.safetensors").exists():
+    """Train a variant with a seed, and save its policy."""
+    if (path := _policy_file(runs, job)).exists():
         return
-    folder.mkdir(parents=True, exist_ok=True)
     config = settings(*job)
     learner = learner_of(config, VARIANTS[job[0]].worlds(config, job[1]))
-    for decisions in SAVED:
-        while learner.num_timesteps < decisions // config.ppo.batch_size * config.ppo.batch_size:
-            learner.learn(config.ppo.batch_size, reset_num_timesteps=False)
-        save_actor(folder / f"{decisions}.safetensors", learner, config)
+    while learner.num_timesteps < DECISIONS // config.ppo.batch_size * config.ppo.batch_size:
+        learner.learn(config.ppo.batch_size, reset_num_timesteps=False)
+    save_actor(path, learner, config)
 
 
 def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatArray, int]:
@@ -198,12 +195,11 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
     return np.array(rows), hits
 
 
-def measure(runs: Path, job: tuple[str, int, int]) -> list[Row]:
+def measure(runs: Path, job: tuple[str, int]) -> list[Row]:
     """Return the rows of one policy, a row for each kind of traffic."""
-    variant, seed, decisions = job
-    kept, rows = runs / f"{variant}-{seed}" / f"{decisions}.safetensors", []
+    rows = []
     for kind in SINGLE_PRESETS:
-        found, hits = speeds(kind, kept, VARIANTS[variant].worlds)
+        found, hits = speeds(kind, _policy_file(runs, job), VARIANTS[job[0]].worlds)
         gains = (found - np.load(_rule_file(runs, kind))).ravel()
         half = 1.96 * gains.std(ddof=1) / gains.size**0.5
         rows.append(Row(*job, kind, round(gains.mean(), 4), round(half, 4), hits))
@@ -216,8 +212,26 @@ def drive_rule(runs: Path, kind: str) -> None:
         np.save(_rule_file(runs, kind), speeds(kind, None, TwinWorlds)[0])
 
 
+def _policy_file(runs: Path, job: tuple[str, int]) -> Path:
+    return runs / "{}-{}.safetensors".format(*job)
+
+
 def _rule_file(runs: Path, kind: str) -> Path:
     return runs / f"{RULE}-{kind}.npy"
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the gain of each variant, the mean of its trainings, in each kind of traffic."""
+    heads = [*SINGLE_PRESETS, "mean"]
+    lines = ["variant".ljust(26) + "trainings" + "".join(head.rjust(13) for head in heads)]
+    for name, variant in VARIANTS.items():
+        its = [row for row in rows if row["variant"] == name]
+        if its:
+            gains = [[r["gain_m_s"] for r in its if r["traffic"] == kind] for kind in heads[:-1]]
+            means = [float(np.mean(each)) for each in gains]
+            shown = "".join(f"{mean:13.2f}" for mean in [*means, np.mean(means)])
+            lines.append(f"{variant.words:26}{len(gains[0]):9}{shown}")
+    return "\n".join(lines)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -230,20 +244,18 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=RESULTS / "ablation.csv")
     given = parser.parse_args(words)
     given.runs.mkdir(parents=True, exist_ok=True)
-    trainings = [(variant, seed) for seed in given.seeds for variant in given.variants]
-    with ProcessPoolExecutor(given.jobs) as pool:
-        for _ in pool.map(partial(train, given.runs), trainings):
-            pass
-        for _ in pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS):
-            pass
-        known = {
-            (row["variant"], row["seed"], row["decisions"])
-            for row in read_table(given.out, column_types(Row), growing=True)
-        }
-        policies = [(*training, saved) for training in trainings for saved in SAVED]
-        missing = [policy for policy in policies if policy not in known]
-        for rows in pool.map(partial(measure, given.runs), missing):
-            append_rows(given.out, Row, rows)
+    rows = read_table(given.out, column_types(Row), growing=True)
+    known = {(row["variant"], row["seed"]) for row in rows}
+    jobs = [(variant, seed) for seed in given.seeds for variant in given.variants]
+    missing = [job for job in jobs if job not in known]
+    if missing:
+        with ProcessPoolExecutor(given.jobs) as pool:
+            list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
+            list(pool.map(partial(train, given.runs), missing))
+            for found in pool.map(partial(measure, given.runs), missing):
+                append_rows(given.out, Row, found)
+    print(f"gain over gap-mobil under strict, m/s, in the twin, after {DECISIONS:,} decisions")
+    print(table(read_table(given.out, column_types(Row))))
 
 
 if __name__ == "__main__":

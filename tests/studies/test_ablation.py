@@ -1,0 +1,75 @@
+"""The ablation: what a variant changes, and that it goes on where it stopped."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drl_av.config import SINGLE_PRESETS
+from drl_av.files import read_table
+from studies import ablation
+from studies.ablation import VARIANTS, TwoSecondWorlds, settings
+
+
+def test_each_variant_is_the_preset_but_for_its_choice() -> None:
+    preset = settings("large", 3)
+    changed = {
+        name: [
+            section
+            for section in ("traffic", "ppo", "safety", "reward", "learning")
+            if getattr(settings(name, 3), section) != getattr(preset, section)
+        ]
+        for name, variant in VARIANTS.items()
+        if variant.worlds is VARIANTS["large"].worlds
+    }
+    assert changed.pop("large") == []
+    assert changed.pop("calm") == ["traffic"]
+    assert all(sections == ["ppo"] for sections in changed.values())
+
+
+def test_an_episode_begins_with_its_first_second_twice_and_then_remembers() -> None:
+    small = settings("two-seconds", 0).updated("ppo", worlds=5)
+    small = small.updated("simulation", decisions_per_episode=3)
+    worlds = TwoSecondWorlds(small, 0)
+    for _ in range(7):
+        before = worlds.observation.copy()
+        actions = worlds.permitted.argmax(axis=1)
+        worlds.step_async(actions)
+        _, _, dones, _ = worlds.step_wait()
+        wide, seen = ablation.WIDE_SIZE, worlds.observation
+        assert (seen[dones, :wide] == seen[dones, wide : 2 * wide]).all()
+        assert (seen[~dones, :wide] == before[~dones, wide : 2 * wide]).all()
+
+
+def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ablation, "DECISIONS", 16_384)
+    monkeypatch.setattr(ablation, "EPISODES", 2)
+    monkeypatch.setattr(ablation, "COUNTS", (5,))
+    monkeypatch.setattr(ablation, "drive_rule", lambda runs, kind: None)
+    monkeypatch.setattr(np, "load", lambda path: np.full((1, 2), 20.0))
+    monkeypatch.setattr(ablation, "ProcessPoolExecutor", InPlace)
+    words = ["--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out.csv"), "--seeds", "0"]
+    ablation.main([*words, "--variants", "calm"])
+    policy = tmp_path / "runs" / "calm-0.safetensors"
+    made = policy.stat().st_mtime_ns
+    first = read_table(tmp_path / "out.csv")
+    assert [row["traffic"] for row in first] == [*SINGLE_PRESETS]
+    assert all(-20.0 < float(row["gain_m_s"]) <= 10.0 for row in first)
+    ablation.main([*words, "--variants", "calm"])
+    assert policy.stat().st_mtime_ns == made
+    assert read_table(tmp_path / "out.csv") == first
+
+
+class InPlace:
+    """A pool of no processes."""
+
+    def __init__(self, jobs: int) -> None:
+        pass
+
+    def __enter__(self) -> "InPlace":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    map = staticmethod(map)
