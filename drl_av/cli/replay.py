@@ -190,7 +190,8 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         _refuse_settings(options, tables[0])
         count = ON_A_SHEET if options.sheet else 1
         return worst_sessions(Path(tables[0]), options.worst, options.driver, custom, count)
-    words = [*options.source, *filter(None, [options.driver])] or ["pretrained"]
+    named = [] if options.driver is None else [options.driver]
+    words = [*options.source, *named] or ["pretrained"]
     files = [word for word in words if _is_recording(Path(word))]
     specs = () if files else find_drivers(words)
     allowed = 2 if [*filter(None, _written(options))] == [options.html] else 1

@@ -63,8 +63,6 @@ adds at run time can therefore use one process only.
 
 PLANNER, PLANNER_FACTORY = "planner", "drl_av.env.planner:planner"
 """The driver that searches with ``pretrained`` as its base, and where it is made."""
-POLICIES = policy_file.SHIPPED | {PLANNER: policy_file.PRETRAINED}
-"""The folder of the policy of each driver that ships with the package, by the driver's name."""
 DRIVER_FILES = (".safetensors", *LOADERS)
 """Suffixes of the files from which a driver can be loaded."""
 
@@ -129,7 +127,7 @@ class DriverSpec:
 
 def driver_names() -> tuple[str, ...]:
     """Return the names of the rule-based and of the shipped drivers."""
-    return *RULE_DRIVERS, *POLICIES
+    return *RULE_DRIVERS, *policy_file.SHIPPED, PLANNER
 
 
 def baselines(names: Iterable[str]) -> list[str]:
@@ -172,8 +170,10 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
         own, _ = _with_check(word)
         if own in RULE_DRIVERS:
             runs[word] = None
-        elif own in POLICIES:
-            runs[word] = POLICIES[own]
+        elif own in policy_file.SHIPPED:
+            runs[word] = policy_file.SHIPPED[own]
+        elif own == PLANNER:
+            runs[word] = policy_file.SHIPPED["pretrained"]
         elif os.path.exists(own):
             runs[word] = _existing(Path(own))
         elif is_factory(own):

@@ -218,10 +218,9 @@ def test_checkpoint_of_another_config_is_refused(
 def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_interrupted(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (copy / "checkpoint.safetensors").unlink()
     whole = (copy / "config.toml").read_bytes()
     last_zero = whole.rindex(b"evaluation_episodes = 2") + len(b"evaluation_episodes = ")
-    for left in (b"", whole[: len(whole) // 2], whole[:-1], whole[:-2], whole[:last_zero]):
+    for left in (b"", whole[: len(whole) // 2], whole[:-2], whole[:last_zero]):
         (copy / "config.toml").write_bytes(left)
         before = files_of(copy)
         assert main(command(copy, "--resume")) == 1
