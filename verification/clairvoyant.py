@@ -17,6 +17,7 @@ an upper bound either: it compares only these plans, and only up to the horizon.
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,25 +26,23 @@ from gymnasium.vector import AutoresetMode
 
 from drl_av.cli.options import int_at_least
 from drl_av.config import TRAFFIC_PRESETS, Config
-from drl_av.drivers.network import forward
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
-from drl_av.driving.actions import ACTIONS, BRAKE, KEEP, LEFT, RIGHT
+from drl_av.driving.actions import BRAKE, KEEP, LEFT, RIGHT
 from drl_av.driving.affordances import LANE, IntArray, has_lane
-from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.vector import TwinVectorEnv
+from drl_av.errors import ConfigError
 from drl_av.evaluation.engines import workers
 from drl_av.evaluation.statistics import Speed, paired
 from drl_av.safety import CHECKS
-from drl_av.twin.worlds import COUNT
 from verification.program import Program, run_program
 
 HORIZON = 20
 """Number of decisions, of 1 s each, for which a plan is tried."""
 INTERVAL = 2
 """Number of decisions from one search to the next."""
-DRIVERS = ("gap-mobil", "pretrained")
+DRIVERS = ("gap-mobil", "pretrained", "planner")
 SEARCH = "search"
 SEEDS = 920_000
 """Traffic seed of the first episode."""
@@ -182,22 +181,13 @@ def actions(
 
 def policy(name: str, config: Config) -> Policy:
     """Return a driver by name as a policy; one trained at scale decides in all worlds at once."""
-    from drl_av.env.wide_view import look_wide  # compiled functions do not go to processes
+    from drl_av.env.wide_view import most_probable_actions  # it does not go to processes
 
     [spec] = find_drivers([name])
+    if spec.is_planner:
+        raise ConfigError("The planner is no base of a search, because it searches: name another.")
     if spec.actor is not None:
-        layers = spec.actor[0]
-
-        def act(worlds: TwinVectorEnv) -> npt.NDArray[np.int64]:
-            n = worlds.num_envs
-            seen = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
-            permitted = np.zeros((n, len(ACTIONS)), np.bool_)
-            count = worlds.worlds.near[:, COUNT].copy()
-            look_wide(worlds.episodes, worlds.task, np.arange(n), count, seen, permitted)
-            logits = np.where(permitted, forward(layers, seen)[1], -np.inf)
-            return np.asarray(logits.argmax(axis=1), np.int64)
-
-        return act
+        return partial(most_probable_actions, spec.actor[0])
     [driver] = make_drivers([spec], driving_config([spec], config)).values()
 
     def one_by_one(worlds: TwinVectorEnv) -> npt.NDArray[np.int64]:

@@ -12,22 +12,21 @@ from gymnasium.vector import AutoresetMode
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.masked_policy import actor_driver, load_actor
-from drl_av.drivers.network import Layers, forward
+from drl_av.drivers.network import Layers
 from drl_av.drivers.policy_file import PRETRAINED, find_policy
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS, Action
 from drl_av.driving.scene import Scene
-from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.beliefs import GUESSES, Beliefs
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.env.wide_view import look_wide
+from drl_av.env.wide_view import most_probable_actions
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import named_check
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.copying import copy_scene
-from drl_av.twin.worlds import COUNT, LATERAL_SPEED_M_S, FloatArray, IntArray
+from drl_av.twin.worlds import LATERAL_SPEED_M_S, FloatArray, IntArray
 
 TRIED = 4
 """Most actions that are tried at a decision, the likeliest of the base policy."""
@@ -171,7 +170,7 @@ class PlannerDriver(Driver):
             metres = info["speed_m_s"] - HIT_COST_M * hit
             ways_m += DISCOUNT**decision * np.where(goes_on, metres, 0.0)
             goes_on &= ~hit
-            actions = self._usual(trials)
+            actions = most_probable_actions(self._layers, trials)
         return ways_m.reshape(len(tried), FUTURES)
 
     def _costs_m(self, scene: Scene, tried: IntArray) -> FloatArray:
@@ -181,16 +180,6 @@ class PlannerDriver(Driver):
         brakes = tried % 4 == HARD_BRAKE
         costs = self._paid.abort_cost * aborts + self._paid.hard_brake_cost * brakes
         return np.asarray(costs * SPAN_M_S)
-
-    def _usual(self, worlds: TwinVectorEnv) -> IntArray:
-        """Return the action of the base policy in each world."""
-        n = worlds.num_envs
-        observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
-        permitted = np.zeros((n, len(ACTIONS)), np.bool_)
-        count = worlds.worlds.near[:, COUNT].copy()
-        look_wide(worlds.episodes, worlds.task, np.arange(n), count, observed, permitted)
-        logits = np.where(permitted, forward(self._layers, observed)[1], -np.inf)
-        return np.asarray(logits.argmax(axis=1), np.int64)
 
     def _predictions(self, shot: Snapshot, action: int) -> dict[str, FloatArray]:
         """Return what each guess predicts of each vehicle's speed a second later."""

@@ -4,9 +4,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.compiled import compiled
+from drl_av.drivers.network import Layers, forward
+from drl_av.driving.actions import ACTIONS
 from drl_av.driving.wide_observation import WIDE_SIZE, wide_observation
 from drl_av.env.twin_episodes import Episodes, Task
-from drl_av.twin.worlds import IntArray
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.twin.worlds import COUNT, IntArray
 
 Float32Array = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
@@ -51,3 +54,14 @@ def look_wide(
             some = some or is_permitted
         if not some:
             permitted[w, :] = True
+
+
+def most_probable_actions(layers: Layers, worlds: TwinVectorEnv) -> IntArray:
+    """Return the permitted action with the largest logit of an actor in each world."""
+    n = worlds.num_envs
+    observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
+    permitted = np.zeros((n, len(ACTIONS)), np.bool_)
+    count = worlds.worlds.near[:, COUNT].copy()
+    look_wide(worlds.episodes, worlds.task, np.arange(n), count, observed, permitted)
+    logits = np.where(permitted, forward(layers, observed)[1], -np.inf)
+    return np.asarray(logits.argmax(axis=1), np.int64)

@@ -11,6 +11,7 @@ from drl_av.driving.affordances import CODES, LANE, LEFT_LANE, RIGHT_LANE, IntAr
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.vector import TwinVectorEnv
+from drl_av.errors import ConfigError
 from verification.clairvoyant import HORIZON, Execution, Plan, Search, policy
 
 TWIN = Config().updated("simulation", world="twin", decisions_per_episode=30)
@@ -103,3 +104,9 @@ def test_a_trial_goes_on_with_a_plan_and_leaves_it_where_it_is() -> None:
         4 * RIGHT + MAINTAIN,
     ]
     assert execution.act(in_lane(1), False, RIGHTWARD) == USUAL
+
+
+def test_the_planner_is_no_base() -> None:
+    config = Config().updated("simulation", world="twin").updated("safety", check="strict")
+    with pytest.raises(ConfigError, match="because it searches"):
+        policy("planner", config)
