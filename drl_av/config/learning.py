@@ -102,6 +102,10 @@ class LearningConfig(Section):
             )
 
 
+SPAN_M_S = 10.0
+"""How much more speed for a second earns 1 in PPO at scale, before the costs."""
+
+
 @dataclass(frozen=True)
 class PpoConfig(Section):
     """Proximal policy optimization (PPO) with masked actions; the reward is the ego's speed.

@@ -52,13 +52,21 @@ def copy_episode(
         world.near[STEP] = steps
         world.z[[REQUEST_END, TRACKED, TRACKED_LEFT]] += steps
     world.z[DRIVER_STATE, : vehicles + 1], world.z[BRAKING, : vehicles + 1] = traffic.drivers.memory
-    world.x[LATERAL_SPEED_M_S, EGO] = shot.lateral_speed_m_s[EGO]
-    change, lane = scene.lane_change, scene.affordances.lane
+    last = episodes.next_event[0, 1]
+    episodes.next_event[0, 0] = np.searchsorted(episodes.events[0, :last, 0], decisions)
+    place_ego(twin, scene, decisions)
+
+
+def place_ego(twin: TwinVectorEnv, scene: Scene, decisions: int) -> None:
+    """Let the ego of the first world go on from a scene, which it sees, after so many decisions.
+
+    The vehicles are there already.
+    """
+    episodes, change, lane = twin.episodes, scene.lane_change, scene.affordances.lane
+    twin.world(0).x[LATERAL_SPEED_M_S, EGO] = scene.snapshot.lateral_speed_m_s[EGO]
     episodes.lanes[0] = (lane, lane) if change is None else change[:2]
     episodes.heading_rad[0] = 0.0 if change is None else change.heading_rad
     episodes.decisions[0] = decisions
-    last = episodes.next_event[0, 1]
-    episodes.next_event[0, 0] = np.searchsorted(episodes.events[0, :last, 0], decisions)
     look_all(twin.worlds, episodes, twin.task, np.zeros(1, np.int64))
 
 

@@ -10,14 +10,16 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 
 from drl_av.config import Config
+from drl_av.config.learning import SPAN_M_S
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.masked_policy import actor_driver, load_actor
 from drl_av.drivers.network import Layers
 from drl_av.drivers.policy_file import PRETRAINED, find_policy
-from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS, Action
+from drl_av.driving.actions import ACTIONS, HARD_BRAKE, Action
+from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.beliefs import GUESSES, Beliefs
-from drl_av.env.twin_episodes import look_all
+from drl_av.env.fork import place_ego
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import most_probable_actions
 from drl_av.errors import ConfigError
@@ -26,7 +28,7 @@ from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import named_check
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.copying import copy_scene
-from drl_av.twin.worlds import LATERAL_SPEED_M_S, FloatArray, IntArray
+from drl_av.twin.worlds import FloatArray, IntArray
 
 TRIED = 4
 """Most actions that are tried at a decision, the likeliest of the base policy."""
@@ -38,9 +40,6 @@ HORIZON = 30
 """Decisions, of 1 s each, for which an action is tried; the base policy makes all but the first."""
 SURENESS = 1.0
 """Standard errors by which an action has to be better than that of the base policy."""
-SIDES = np.array(SIGNS)
-SPAN_M_S = 10.0
-"""How much more speed for a second earned 1 in the training of the base policy."""
 DISCOUNT, HIT_COST_M = 0.99, 50.0
 """What a metre is worth a second later, and what a collision costs."""
 BLIND_M = 100.0
@@ -134,14 +133,10 @@ class PlannerDriver(Driver):
         chosen = np.stack((shot.speed_m_s, shot.speed_m_s - before))
         population, models = self._beliefs.population(shot), np.zeros(others + 1, np.int64)
         requests, where = self._requests(shot), (self._scenario, self._kind)
-        world, loop, episodes = twin.world(0), twin.task.loop, twin.episodes
+        world, loop = twin.world(0), twin.task.loop
         copy_scene(world, loop, population, models, shot, requests, chosen, *where)
-        world.x[LATERAL_SPEED_M_S, EGO] = shot.lateral_speed_m_s[EGO]
-        change, lane = scene.lane_change, scene.affordances.lane
-        episodes.lanes[0] = (lane, lane) if change is None else change[:2]
-        episodes.heading_rad[0] = 0.0 if change is None else change.heading_rad
-        episodes.decisions[0], episodes.next_event[0] = 0, 0
-        look_all(twin.worlds, episodes, twin.task, np.zeros(1, np.int64))
+        twin.episodes.next_event[0] = 0
+        place_ego(twin, scene, 0)
 
     def _requests(self, shot: Snapshot) -> dict[int, tuple[int, int]]:
         """Return the lane changes under way: by row the lane to which it goes, and the steps."""
@@ -175,10 +170,9 @@ class PlannerDriver(Driver):
 
     def _costs_m(self, scene: Scene, tried: IntArray) -> FloatArray:
         """Return what the training of the base policy charged for these actions, in metres."""
-        origin, target = scene.lanes
-        aborts = (origin != target) & (SIDES[tried // 4] == origin - target)
-        brakes = tried % 4 == HARD_BRAKE
-        costs = self._paid.abort_cost * aborts + self._paid.hard_brake_cost * brakes
+        running, paid = scene.lane_change, self._paid
+        gives_up = np.array([aborts(running, ACTIONS[number].lateral) for number in tried])
+        costs = paid.abort_cost * gives_up + paid.hard_brake_cost * (tried % 4 == HARD_BRAKE)
         return np.asarray(costs * SPAN_M_S)
 
     def _predictions(self, shot: Snapshot, action: int) -> dict[str, FloatArray]:

@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
 from drl_av.config import Config
+from drl_av.config.learning import SPAN_M_S
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
 from drl_av.driving.wide_observation import MOST, WIDE_SIZE
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
@@ -20,8 +21,8 @@ Float32Array = npt.NDArray[np.float32]
 FloatArray = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 SIDES = np.array(SIGNS)
-MIDDLE_M_S, SPAN_M_S = 20.0, 10.0
-"""The speed that earns nothing, and how much more speed earns 1."""
+MIDDLE_M_S = 20.0
+"""The speed that earns nothing."""
 VALUE_SCALE = 10.0
 
 
