@@ -15,6 +15,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_info
 
+from drl_av import __version__
 from drl_av.config import Config
 from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError
@@ -43,7 +44,12 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
 
 
 def _version(package: str) -> str:
-    """Return the version of a package, or "not installed", as torch may be."""
+    """Return the version of a package, or "not installed", as torch may be.
+
+    That of drl-av is the code's: an editable installation keeps the version of its day.
+    """
+    if package == "drl-av":
+        return __version__
     try:
         return version(package)
     except PackageNotFoundError:
