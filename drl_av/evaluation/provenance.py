@@ -15,7 +15,6 @@ from typing import Any
 
 from threadpoolctl import threadpool_info
 
-from drl_av import __version__
 from drl_av.config import Config
 from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError
@@ -49,7 +48,7 @@ def _version(package: str) -> str:
     That of drl-av is the code's: an editable installation keeps the version of its day.
     """
     if package == "drl-av":
-        return __version__
+        return str(sys.modules["drl_av"].__version__)
     try:
         return version(package)
     except PackageNotFoundError:
