@@ -125,8 +125,8 @@ class TrafficConfig(Section):
         if sum(self.shares) > 1 + 1e-9:
             raise ConfigError(
                 "traffic: finite_state_share + level_0_share + level_1_share + hard_braking_share "
-                f"+ level_2_share is {sum(self.shares):g}, but must be at most 1; the rest is "
-                "SUMO's IDM."
+                f"+ level_2_share is {sum(self.shares):g}, but must be at most 1, as the rest is "
+                'SUMO\'s IDM: lower one, or begin with kind = "calm", in which all of them are 0.'
             )
         if sum(self.unusual_shares) > 1 + 1e-9:
             raise ConfigError(

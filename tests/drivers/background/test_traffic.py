@@ -66,7 +66,7 @@ def placed(tmp_path: Path, stack: ExitStack) -> Placed:
         folder = tmp_path / "scenario"
         write_scenario(folder, ScenarioDescription(vehicles=(ego, *vehicles)))
         still = {"finite_state_share": 1.0, "random_lane_changes_per_s": 0.0} | traffic
-        config = Config().updated("traffic", **still)
+        config = Config().with_traffic("calm").updated("traffic", **still)
         simulation = stack.enter_context(closing(Simulation(load_scenario(folder), config)))
         return simulation, simulation.reset(0, len(vehicles))
 
