@@ -279,7 +279,8 @@ def with_scenario(
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
     scenario = str(Path(name_or_path).absolute() if is_folder else name_or_path)
     config = config.updated("simulation", scenario=scenario)
-    if replace(config.traffic, **PAPER_SHARES) != config.traffic or not _is_open(scenario):
+    shares = {name: getattr(config.traffic, name) for name in PAPER_SHARES}
+    if shares != PAPER_SHARES or not _is_open(scenario):
         return config
     if traffic is not None:
         raise ConfigError(SUMO_ALONE)

@@ -258,7 +258,7 @@ def test_level_2_drives_by_its_own_network() -> None:
 
 
 def test_traffic_of_sumo_alone_gets_no_commands() -> None:
-    env = HighwayEnv()
+    env = HighwayEnv(config=Config().with_traffic("calm"))
     env.reset(seed=0, options={"vehicles": 30})
     assert len(env.traffic_drivers(env.scene.snapshot).rows) == 0
     env.close()
