@@ -137,7 +137,8 @@ def main() -> int:
         "--out", type=Path, default=Path("long_run.csv"), help="default: long_run.csv"
     )
     arguments = parser.parse_args()
-    base = load_config(arguments.config).updated("safety", check=arguments.check)
+    base = load_config(arguments.config, Config().with_traffic("calm"))
+    base = base.updated("safety", check=arguments.check)
     if arguments.traffic is not None:
         base = base.with_traffic(arguments.traffic)
         worlds = {arguments.traffic: Watched(base)}
