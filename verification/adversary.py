@@ -88,17 +88,9 @@ class World:
     def scene(self, row: int) -> Scene:
         """Return the present state of the scene with index ``row``, as a safety check takes it."""
         names = tuple(f"vehicle{other}" for other in range(1, self.x_m.shape[1]))
-        size = np.ones(self.x_m.shape[1])
-        shot = Snapshot(
-            0.0,
-            ("ego", *names),
-            self.x_m[row] % self.road.lap_m,
-            self.y_m[row],
-            self.speed_m_s[row],
-            self.lateral_m_s[row],
-            LENGTH_M * size,
-            WIDTH_M * size,
-        )
+        s_m, size = self.x_m[row] % self.road.lap_m, np.ones(self.x_m.shape[1])
+        state = s_m, self.y_m[row], self.speed_m_s[row], self.lateral_m_s[row]
+        shot = Snapshot(0.0, ("ego", *names), *state, LENGTH_M * size, WIDTH_M * size)
         origin, target = int(self.origin[row]), int(self.target[row])
         heading_rad = float(self.heading_rad[row])
         change = None if target == NONE else LaneChange(origin, target, heading_rad)
@@ -149,7 +141,7 @@ class Mover:
         plans = np.empty((len(executed), 3, steps))
         lanes, heading_rad = np.empty((len(executed), 2), np.int64), world.heading_rad.copy()
         given = world.numbers(), self._ego, np.asarray(executed, np.int64)
-        plan_all(*given[0], *given[1:], plans, lanes, heading_rad)
+        plan_all(*given, plans, lanes, heading_rad)
         for step in range(steps):
             self._step(world, rates[executed % 4], orders, _going(world), plans[:, :, step])
             yield world.speed_m_s, world.y_m
@@ -317,8 +309,7 @@ def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
     """Return the lane whose centre a vehicle reaches next on its side; for side 0 the nearest."""
     place = y_m / ROAD.lane_width_m
     right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
-    result: FloatArray = np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
-    return result
+    return np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
 
 
 def _going(world: World) -> BoolArray:
@@ -361,4 +352,4 @@ class BatchStrict:
         return free
 
     def _arguments(self, world: World) -> tuple[Any, ...]:
-        return *world.numbers(), self._strict, self._ego
+        return world.numbers(), self._strict, self._ego
