@@ -11,11 +11,6 @@ from drl_av.twin.asking import (
     advise,
     its_follow_speed,
 )
-from drl_av.twin.flags import (
-    ASKED,
-    LEFT,
-    RIGHT,
-)
 from drl_av.twin.following import (
     EPS,
     MIN_GAP_M,
@@ -39,6 +34,7 @@ from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
     ASIDE_M,
+    ASKED,
     COMMANDED_M,
     COUNT,
     DESIRED_M_S,
@@ -49,11 +45,13 @@ from drl_av.twin.worlds import (
     GAIN_RIGHT,
     HEADWAY_S,
     LANE,
+    LEFT,
     LENGTH_M,
     MANEUVER_M,
     ORDER,
     OVERTAKES_RIGHT,
     REQUEST_END,
+    RIGHT,
     SHADOW,
     SPEED_M_S,
     STATE,
@@ -214,7 +212,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     if follows:
         j, rear_m = leader(world, loop, k, own + 1, seen_m)
         if j >= 0:
-            keep_behind(world, loop, i, j, rear_m - MIN_GAP_M)
+            keep_behind(world, i, j, rear_m - MIN_GAP_M)
     if not tracks:
         return False
     if is_new:
@@ -235,7 +233,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
 
 
 @inlined
-def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
+def keep_behind(world: World, i: int, j: int, gap_m: float) -> None:
     """Advise a driver not to pass the vehicle ``j`` ahead in the left lane on its right."""
     x = world.x
     speed, its = x[SPEED_M_S, i], x[SPEED_M_S, j]

@@ -6,7 +6,14 @@ other. Directions are -1 right, +1 left, 0 own lane.
 """
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.flags import (
+from drl_av.twin.following import (
+    EPS,
+    MIN_GAP_M,
+    STEP_S,
+    secure_gap,
+)
+from drl_av.twin.worlds import (
+    ASIDE_M,
     BLOCKED_BY_FOLLOWER,
     BLOCKED_BY_LEADER,
     BLOCKED_BY_LEFT_FOLLOWER,
@@ -16,32 +23,23 @@ from drl_av.twin.flags import (
     BLOCKED_LEFT,
     BLOCKED_RIGHT,
     FULL_REASONS,
-    LEFT,
-    OVERLAPPING,
-    REASONS,
-    REQUESTED,
-    RIGHT,
-    STAY,
-    SUBLANE,
-    URGENT,
-    WANTS,
-)
-from drl_av.twin.following import (
-    EPS,
-    MIN_GAP_M,
-    STEP_S,
-    secure_gap,
-)
-from drl_av.twin.worlds import (
-    ASIDE_M,
     HEADWAY_S,
     IS_FULL,
     LANE,
+    LEFT,
     MANEUVER_M,
+    OVERLAPPING,
+    REASONS,
     REQUEST_END,
     REQUEST_LANE,
+    REQUESTED,
+    RIGHT,
     SPEED_M_S,
+    STAY,
     STEP,
+    SUBLANE,
+    URGENT,
+    WANTS,
     WIDTH_M,
     Loop,
     World,
