@@ -171,7 +171,7 @@ def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, A
     known.add(id(function))
     code, names = function.python.__code__, function.python.__globals__
     found: list[tuple[str, Any]] = [
-        (code.co_name, (code.co_code, code.co_consts, function.options)),
+        (code.co_name, (code.co_code, code.co_consts, function.options))
     ]
     for name in code.co_names:
         value = names.get(name)

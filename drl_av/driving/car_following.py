@@ -177,9 +177,6 @@ def model_acceleration(
     if ego.has_acc:
         return acc_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, ego)
     idm = Idm(
-        ego.reference_headway_s,
-        ego.reference_standstill_gap_m,
-        ego.accelerate_m_s2,
-        ego.brake_m_s2,
+        ego.reference_headway_s, ego.reference_standstill_gap_m, ego.accelerate_m_s2, ego.brake_m_s2
     )
     return idm_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, idm)

@@ -157,11 +157,7 @@ def limited(number: float) -> float:
 
 
 def observe_wide(
-    snapshot: Snapshot,
-    road: Road,
-    range_m: float,
-    max_speed_m_s: float,
-    change: tuple[int, int],
+    snapshot: Snapshot, road: Road, range_m: float, max_speed_m_s: float, change: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
     """Return the wide observation of a snapshot, shape (WIDE_SIZE,), float32.
 

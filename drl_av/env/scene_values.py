@@ -73,16 +73,7 @@ def compute_values(
     ``offset``, ``scale`` and ``bounds`` are those of ``ObservationScale``, shape (27,).
     """
     indicators(
-        s_m,
-        y_m,
-        speed_m_s,
-        lateral_speed_m_s,
-        length_m,
-        width_m,
-        road,
-        range_m,
-        values,
-        codes,
+        s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m, road, range_m, values, codes
     )
     scale_into(values, offset, scale, bounds, observation)
     terms: tuple[float, float, float] = reward_terms(

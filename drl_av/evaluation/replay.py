@@ -29,13 +29,7 @@ from drl_av.errors import ConfigError, RecordingError
 from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import read_provenance
-from drl_av.evaluation.recording import (
-    Follower,
-    RecordedDriver,
-    Recording,
-    Watcher,
-    record_episode,
-)
+from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, Watcher, record_episode
 from drl_av.evaluation.table import report_corrupt_table, results_of, stored_config
 from drl_av.files import read_table
 from drl_av.road.road import Road

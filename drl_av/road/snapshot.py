@@ -29,11 +29,7 @@ class CollisionKind(Enum):
     @property
     def ego_hit(self) -> bool:
         """True if the ego hit something, False if another vehicle hit the ego."""
-        return self in (
-            CollisionKind.HIT_AHEAD,
-            CollisionKind.HIT_BESIDE,
-            CollisionKind.HIT_EDGE,
-        )
+        return self in (CollisionKind.HIT_AHEAD, CollisionKind.HIT_BESIDE, CollisionKind.HIT_EDGE)
 
 
 @dataclass(frozen=True)

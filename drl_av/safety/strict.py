@@ -369,13 +369,7 @@ def permitted_with(
             for how in range(4):
                 slowest = how if ego.has_constant_acceleration else HARD_BRAKE
                 if permitted & (1 << how) != 0 and not stays_behind(
-                    gap_m,
-                    is_ahead,
-                    speed,
-                    crosses_s,
-                    covered_m[slowest],
-                    strict,
-                    ego.step_length_s,
+                    gap_m, is_ahead, speed, crosses_s, covered_m[slowest], strict, ego.step_length_s
                 ):
                     permitted &= ~(1 << how)
     for how in range(4):

@@ -10,9 +10,7 @@ from drl_av.twin.following import (
     idm_speed,
     secure_gap,
 )
-from drl_av.twin.lateral_room import (
-    LEFT_SPACE,
-)
+from drl_av.twin.lateral_room import LEFT_SPACE
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
@@ -68,13 +66,7 @@ def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> 
 
 @borrowing
 def inform_leader(
-    world: World,
-    i: int,
-    side: int,
-    blocked: int,
-    j: int,
-    gap_m: float,
-    seconds: float,
+    world: World, i: int, side: int, blocked: int, j: int, gap_m: float, seconds: float
 ) -> float:
     """Ask the vehicle ahead in the target lane for room; return the own planned speed."""
     speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]

@@ -7,20 +7,9 @@ distance of the whole maneuver; the two are in ``notes``.
 import math
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.asking import (
-    CONGESTED_M_S,
-    inform_follower,
-    inform_leader,
-)
-from drl_av.twin.following import (
-    EPS,
-    STEP_S,
-)
-from drl_av.twin.lane_speeds import (
-    keep_behind,
-    speed_gain_of,
-    weigh_gains,
-)
+from drl_av.twin.asking import CONGESTED_M_S, inform_follower, inform_leader
+from drl_av.twin.following import EPS, STEP_S
+from drl_av.twin.lane_speeds import keep_behind, speed_gain_of, weigh_gains
 from drl_av.twin.lateral_room import (
     BLOCKERS,
     FOLLOWER,

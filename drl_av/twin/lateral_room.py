@@ -6,12 +6,7 @@ other. Directions are -1 right, +1 left, 0 own lane.
 """
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.following import (
-    EPS,
-    MIN_GAP_M,
-    STEP_S,
-    secure_gap,
-)
+from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S, secure_gap
 from drl_av.twin.worlds import (
     ASIDE_M,
     BLOCKED_BY_FOLLOWER,
@@ -231,12 +226,7 @@ def is_blocking(
 
 @borrowing
 def check_blocking(
-    world: World,
-    loop: Loop,
-    i: int,
-    side: int,
-    kept_m: float,
-    keeps_gap: bool,
+    world: World, loop: Loop, i: int, side: int, kept_m: float, keeps_gap: bool
 ) -> int:
     """Return the flags of what blocks the move in ``notes``; shorten the move as far as needed."""
     notes, near, lane = world.notes, world.near, world.z[LANE, i]

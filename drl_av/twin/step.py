@@ -15,14 +15,8 @@ from drl_av.simulation.speed_requests import (
     most_speed,
     wished_speed,
 )
-from drl_av.twin.active_lanes import (
-    activate,
-    keep_active,
-    strip_of,
-)
-from drl_av.twin.asking import (
-    its_follow_speed,
-)
+from drl_av.twin.active_lanes import activate, keep_active, strip_of
+from drl_av.twin.asking import its_follow_speed
 from drl_av.twin.following import (
     BRAKING_M_S2,
     MIN_GAP_M,
@@ -31,16 +25,8 @@ from drl_av.twin.following import (
     brake_gap,
     free_speed,
 )
-from drl_av.twin.lane_change import (
-    change_lanes,
-)
-from drl_av.twin.neighbors import (
-    EDGES,
-    LONGEST_M,
-    edge_of,
-    insert_sorted,
-    link,
-)
+from drl_av.twin.lane_change import change_lanes
+from drl_av.twin.neighbors import EDGES, LONGEST_M, edge_of, insert_sorted, link
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
@@ -155,13 +141,7 @@ def with_advice(world: World, i: int, planned: float, least: float) -> float:
 
 @inlined
 def see_in_lane(
-    world: World,
-    loop: Loop,
-    k: int,
-    lane: int,
-    rest_m: float,
-    seen_m: float,
-    sees_reserved: bool,
+    world: World, loop: Loop, k: int, lane: int, rest_m: float, seen_m: float, sees_reserved: bool
 ) -> None:
     """Regard the vehicles ahead of the ``k``-th one in ``lane``, for ``see_ahead``.
 
