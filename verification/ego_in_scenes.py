@@ -63,7 +63,7 @@ def judge(
         state = (x_m[row], y_m[row], speed_m_s[row], lateral_m_s[row], length_m, width_m)
         indicators(*state, road, 250.0, values, codes)
         ground = (0.0, road.lane_width_m, road.barriers, x_m[row, 0] + length_m[0] / 2)
-        scene = (*state, codes, lanes[row, 0], lanes[row, 1], *ground, strict, ego)
+        scene = (state, codes, (lanes[row, 0], lanes[row, 1]), ground, strict, ego)
         strict_verdicts(*scene, verdicts, rules)
         executed[row] = verdicts[proposal[row]]
         free[row] = fallback_is_free(*scene)

@@ -73,7 +73,8 @@ def figure(rows: list[Row], path: Path) -> None:
             own = [row for row in learning if row["method"] == method]
             steps = sorted({int(row["step"]) for row in own})
             groups = ([row for row in own if int(row["step"]) == step] for step in steps)
-            value, half = np.array([over_seeds(group, column) for group in groups]).T
+            means = np.array([over_seeds(group, column) for group in groups])
+            value, half = means.reshape(-1, 2).T
             [line] = axis.plot(steps, factor * value, label=method)
             band = factor * (value - half), factor * (value + half)
             axis.fill_between(steps, *band, color=line.get_color(), alpha=0.2, linewidth=0)

@@ -273,8 +273,8 @@ def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
         paper_verdicts(values, codes, origin, target, task.safety, executed, rules)
     elif task.check == STRICT:
         ground = task.loop.lap_m, task.loop.lane_m, task.road.barriers, values[FRONT]
-        around = codes, origin, target, *ground
-        strict_verdicts(*state, *around, task.strict, task.ego, executed, rules)
+        lanes = (origin, target)
+        strict_verdicts(state, codes, lanes, ground, task.strict, task.ego, executed, rules)
     else:
         for number in range(12):
             executed[number], rules[number] = number, 0

@@ -221,9 +221,9 @@ class PaperBeforeLaneEnds(Paper):
         if codes[0] >= len(shot.ids):  # the end of the lane
             vehicles[0] = NO_VEHICLE
         paper_verdicts.fast(values, vehicles, *lanes, self._config, *found)
-        around = *lanes, *ground, values[FRONT], self._strict, self._ego
-        ego = (each[:1] for each in shot.arrays)
-        strict_verdicts.fast(*ego, codes, *around, *alone)
+        around = lanes, (*ground, values[FRONT]), self._strict, self._ego
+        ego = tuple(each[:1] for each in shot.arrays)
+        strict_verdicts.fast(ego, codes, *around, *alone)
         executed = alone.executed[found.executed]
         rules = found.rules | alone.rules[found.executed]
         rules[executed == np.arange(12)] = 0

@@ -93,7 +93,7 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
         ahead = near[LEADER + 2]
         fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
         if side > 0 and ahead >= 0 and fast and not world.near[OVERTAKES_RIGHT]:
-            keep_behind(world, loop, i, ahead, notes[LEADER_GAP + 2])
+            keep_behind(world, i, ahead, notes[LEADER_GAP + 2])
         if request != 0:
             asked = influenced(state, request, on_request_only, is_commanded)
             if asked & STAY:
