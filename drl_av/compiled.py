@@ -20,8 +20,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 N = TypeVar("N", bound=tuple[Any, ...])
 NOTICE = (
-    "drl-av compiles its functions for this machine; this takes up to a minute, once after an "
-    "installation."
+    "drl-av compiles functions that are used for the first time on this machine, for up to a "
+    "minute, and keeps them."
 )
 
 

@@ -170,7 +170,7 @@ if __name__ == "__main__":
             axes.barh(row, share, color=color)
             axes.text(share + 1, row, f"{speed:.1f} m/s", va="center")
     axes.set_yticks(range(len(cells)), [", ".join(named) for named in cells])
-    axes.set(xlabel="episodes of highway-v0 with a crash of the ego, %", xlim=(0, 115))
+    axes.set(xlabel="episodes of highway-v0 with a crash of the ego, %", xlim=(0, 125))
     axes.invert_yaxis()
     if sys.argv[2:]:
         figure.savefig(sys.argv[2], dpi=150)

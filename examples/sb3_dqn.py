@@ -37,7 +37,7 @@ def main(steps: str = "20000", world: str = "sumo") -> None:
     model.save("sb3_dqn.zip")
     training.close()
     evaluation.close()
-    drivers = ["sb3_dqn.zip", "pretrained"]
+    drivers = ["sb3_dqn.zip@paper", "pretrained@strict"]  # each under its training's check
     for row in drl_av.evaluate(drivers, vehicles=15, episodes=2, seed=800_000):
         print(f"{row.driver}, seed {row.seed}: {row.mean_speed_m_s:.1f} m/s")
 

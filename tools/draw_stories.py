@@ -10,6 +10,8 @@ from pathlib import Path
 from draw_drive import COLOURS, ROAD_PART, WIDTH_PX
 from PIL import Image
 
+from drl_av.drawing.panels import Caption
+from drl_av.drawing.picture import draw
 from drl_av.env.highway import HighwayEnv
 
 MOMENTS = {
@@ -38,11 +40,12 @@ def main() -> None:
 
 def picture(story: str, moment: int) -> Image.Image:
     """Return the picture of a story after ``moment`` decisions of an ego that keeps its lane."""
-    with closing(HighwayEnv(story, safety_check="permit_all", render_mode="rgb_array")) as env:
+    with closing(HighwayEnv(story, safety_check="permit_all")) as env:
         env.reset(seed=0)
         for _ in range(moment):
             env.step(KEEP)
-        drawn = Image.fromarray(env.render()).crop(ROAD_PART)
+        caption = Caption(driver=story, decision=moment)
+        drawn = Image.fromarray(draw(env.scene.snapshot, env.road, caption)).crop(ROAD_PART)
     size = WIDTH_PX, WIDTH_PX * drawn.height // drawn.width
     return drawn.resize(size).quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
 

@@ -47,7 +47,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def figures(options: argparse.Namespace) -> int:
     """Draw each figure for which the given sources have data, or ``reward`` without any; return 0.
 
-    Raises ConfigError if a folder is not a run, or tables have an episode of a driver twice.
+    Raises ConfigError if a folder is not a run, tables have an episode of a driver twice, or
+    ``--out`` has the suffix of another kind of file.
     """
     from drl_av.evaluation.figure_style import add_title, fit_columns
     from drl_av.evaluation.figures import (
@@ -59,6 +60,7 @@ def figures(options: argparse.Namespace) -> int:
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.trajectories import time_space_figure
 
+    _require_known_suffix(options.out)
     sources = [trainings_of(word) for word in options.sources]
     groups = {name: [Path(each) for each in found] for name, found in sources if name}
     alone = [Path(word) for name, [word, *_] in sources if not name]
@@ -93,6 +95,17 @@ def figures(options: argparse.Namespace) -> int:
         fit_columns(figure, options.columns)
     _save(figures, options.out)
     return 0
+
+
+def _require_known_suffix(out: Path) -> None:
+    """Raise ConfigError if ``out`` reads like a file of another kind, such as figure.jpg."""
+    from drl_av.evaluation.figure_style import FORMATS
+
+    if out.suffix[1:].isalpha() and out.suffix.lower() not in FORMATS and not out.is_dir():
+        raise ConfigError(
+            f"--out is {out}, but a figure's file ends in {', '.join(FORMATS)}: name such a file, "
+            "or a folder without a suffix."
+        )
 
 
 def _save(figures: Mapping[str, Any], out: Path) -> None:

@@ -104,7 +104,7 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         "--world",
         choices=WORLDS,
         help="sumo, or the twin: SUMO's traffic on a loop, compiled, and so faster (default: "
-        "sumo; with --resume that of the training)",
+        "sumo; a training that is resumed keeps its own)",
     )
     parser.add_argument(
         "--safety-check",
@@ -125,7 +125,7 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         default=(),
         help="options of SUMO itself, in quotation marks, such as '--additional-files "
         "detectors.add.xml'; SUMO then starts again for each episode, and an output file holds the "
-        "last one",
+        "last one (default: none)",
     )
     config_files(parser, whose)
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import repeat
 from numbers import Real
 from pathlib import Path
@@ -43,12 +44,14 @@ class Film:
     def pictures(self, per_decision: int, first: int = 0) -> Iterator[Picture]:
         """Yield ``per_decision`` pictures of each decision, from decision ``first`` on.
 
-        If the episode ends with a collision, the last picture stays as long as two decisions.
+        If the episode ends with a collision, the last picture alone says so, and stays as long as
+        two decisions.
         """
         for before, after, caption in self._moves[first:]:
             for step in range(1, per_decision + 1):
                 scene = interpolated(before, after, step / per_decision, self._road)
-                picture = draw(scene, self._road, caption)
+                shown = caption if step == per_decision else replace(caption, collision="")
+                picture = draw(scene, self._road, shown)
                 yield picture
         if self._caption.collision and self._moves[first:]:
             yield from repeat(picture, 2 * per_decision)

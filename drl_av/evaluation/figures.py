@@ -65,7 +65,10 @@ def learning_figure(
         DrlAvError: a run has no evaluation yet, or a table is damaged.
     """
     figure, axes = one_panel("training episode", "mean reward a decision")
-    curves = {}
+    labels = dict[str, Path]()
+    for run in runs:
+        labels[run.name if run.name not in labels else str(run)] = run
+    curves, styles = {}, styles_of([*groups, *labels])
     for name, group in groups.items():
         found = [_evaluations(run) for run in group]
         common = sorted(set.intersection(*({*own} for own in found)))
@@ -73,17 +76,18 @@ def learning_figure(
             raise DrlAvError(f"The runs of {name} have no evaluation of the same episode.")
         means = [mean_with_interval(own[episode] for own in found) for episode in common]
         label = _of_trainings(name, len(group))
-        curves[label] = banded_curve(axes, common, means, UNBOUNDED, marker=".", zorder=2)
-    for run in runs:
-        evaluated = _evaluations(run)
-        [curve] = axes.plot([*evaluated], [*evaluated.values()], marker=".", zorder=2)
+        style = {"color": styles[name][0], "marker": ".", "zorder": 2}
+        curves[label] = banded_curve(axes, common, means, UNBOUNDED, **style)
+    for label, run in labels.items():
+        evaluated, color = _evaluations(run), styles[label][0]
+        [curve] = axes.plot([*evaluated], [*evaluated.values()], color=color, marker=".", zorder=2)
         if (run / "episodes.csv").is_file():
             driven = read_table(run / "episodes.csv", EVALUATION_COLUMNS, growing=True)
             numbers, rewards = ([row[name] for row in driven] for name in EVALUATION_COLUMNS)
             places = np.arange(1.0, len(driven) + 1)
             training = moving_average(places, np.array(rewards), SMOOTHED_OVER)
-            axes.plot(numbers, training, color=curve.get_color(), alpha=0.3, zorder=1)
-        curves[run.name if run.name not in curves else str(run)] = curve
+            axes.plot(numbers, training, color=color, alpha=0.3, zorder=1)
+        curves[label] = curve
     legend_of_names(axes, curves)
     return figure
 

@@ -15,6 +15,7 @@ from worlds import ROAD, ahead, scene
 
 import drl_av
 from drl_av.config import Config
+from drl_av.drawing.canvas import EGO_COLOR
 from drl_av.env.video import Film, cubic_schedule
 from drl_av.errors import ConfigError, RecordingError
 from drl_av.road.snapshot import Collision, CollisionKind
@@ -56,6 +57,8 @@ def test_a_film_stays_on_the_contact() -> None:
     shown = list(film.pictures(per_decision=3))
     assert len(shown) == 2 * 3 + 2 * 3  # two decisions, and the time of two
     assert all(np.array_equal(each, shown[5]) for each in shown[6:])
+    coloured = [(each == EGO_COLOR).all(axis=2).sum() for each in shown]
+    assert max(coloured[:5]) < coloured[5] / 2  # the word and its field only at the contact
     assert len(list(film.pictures(3, first=2))) == 0
 
 

@@ -223,6 +223,16 @@ def test_a_file_is_drawn_by_its_suffix_and_says_the_check(
         assert all(b"safety check: strict" in data for data in made.values())
 
 
+def test_a_kind_of_file_that_is_not_drawn_is_refused_and_makes_no_folder(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["figures", "--out", "reward.jpg"]) == 1
+    assert "ends in .png, .pdf, .svg: name such a file" in capsys.readouterr().err
+    assert not Path("reward.jpg").exists()
+    assert main(["figures", "--out", "v1.2"]) == 0  # a number is no kind of file
+    assert Path("v1.2/reward.png").exists()
+
+
 def test_a_figure_of_runs_says_their_check(here: Path) -> None:
     (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
     words = ["train", "--out", "run", "--episodes", "1", "--config", "short.toml"]

@@ -15,7 +15,7 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.evaluate import evaluate
-from drl_av.evaluation.figures import learning_figure, profile_figure, speed_figure
+from drl_av.evaluation.figures import learning_figure, profile_figure, speed_figure, styles_of
 from drl_av.evaluation.statistics import gains_over_fastest, overall, summarize
 
 SPEEDS = {"ppo/seed-1": (20.0, 24.0), "ppo/seed-2": (26.0, 30.0), "ppo/seed-10": (30.0, 38.0)}
@@ -101,6 +101,7 @@ def test_the_learning_curve_of_a_group_is_the_mean_of_its_runs(tmp_path: Path) -
     [curve] = axes.lines
     assert curve.get_xdata().tolist() == [20, 40]  # at 60 there is one run only
     assert curve.get_ydata().tolist() == pytest.approx([-0.5, -0.2])
+    assert curve.get_color() == styles_of(["idm", "ppo"])["ppo"][0]  # as in figures of speeds
 
 
 def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(
