@@ -73,13 +73,11 @@ class Compiled(Generic[P, R]):
         return first
 
 
-@cache
 def compiled(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function, which numba compiles at its first call."""
     return Compiled(function)
 
 
-@cache
 def borrowing(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function as ``compiled`` does, without counting references to arrays.
 
@@ -89,7 +87,6 @@ def borrowing(function: Callable[P, R]) -> Compiled[P, R]:
     return Compiled(function, counts=False)
 
 
-@cache
 def inlined(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function as ``borrowing`` does, for a copy of its code in each compiled caller.
 

@@ -187,8 +187,8 @@ class Mover:
         touches = (least_m < -TOUCHING_M).any(axis=1)
         for row in np.flatnonzero(going & touches & ~leaves).tolist():
             ways = from_x_m[row], from_y_m[row], world.x_m[row], world.y_m[row]
-            bodies = (np.full(len(ways[0]), size_m) for size_m in sizes_m)
-            other, kind, _ = swept_collision(*ways, *bodies, ROAD.lap_m)
+            length_m, width_m = (np.full(len(ways[0]), size_m) for size_m in sizes_m)
+            other, kind, _ = swept_collision(*ways, length_m, width_m, ROAD.lap_m)
             world.collisions[row] = Collision(KINDS[kind], f"vehicle{other}")
 
     def _permitted_side(
@@ -339,7 +339,8 @@ class BatchStrict:
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
         """Return the executed action for each proposed action; both are 0 to 11, (scenes,)."""
         executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
-        judge(*self._arguments(world), np.asarray(proposal, np.int64), executed, free)
+        given = self._strict, self._ego, np.asarray(proposal, np.int64)
+        judge(world.numbers(), *given, executed, free)
         return executed
 
     def free(self, world: World) -> BoolArray:
@@ -348,8 +349,6 @@ class BatchStrict:
         The invariant is that the fallback maneuver is free of collisions.
         """
         executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
-        judge(*self._arguments(world), np.zeros(len(free), np.int64), executed, free)
+        given = self._strict, self._ego, np.zeros(len(free), np.int64)
+        judge(world.numbers(), *given, executed, free)
         return free
-
-    def _arguments(self, world: World) -> tuple[Any, ...]:
-        return world.numbers(), self._strict, self._ego

@@ -185,9 +185,11 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     loop, scene, plan, lanes = task.loop, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
     seen, going = (episodes.values[w], episodes.codes[w]), episodes.executed[w, action]
     begun = lanes[0], lanes[1], episodes.heading_rad[w]
-    ground = loop.lane_m, task.road.speed_limits, episodes.values[w, FRONT]
     into = plan[0], plan[1], plan[2]
-    origin, target, heading_rad = plan_into(*seen, going, *begun, *ground, task.ego, *into)
+    limits, front_m = task.road.speed_limits, episodes.values[w, FRONT]
+    origin, target, heading_rad = plan_into(
+        *seen, going, *begun, loop.lane_m, limits, front_m, task.ego, *into
+    )
     let_events_happen(world, episodes, w)
     if world.near[DRIVER_COUNT]:
         drive_traffic(world, scene, task.traffic, plan.shape[1])

@@ -113,7 +113,7 @@ from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.road.road import FloatArray
 from drl_av.road.road_numbers import allowed_speed_in
-from drl_av.road.snapshot import EGO
+from drl_av.road.snapshot import EGO, Vehicles
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
 from drl_av.safety.reachability import (
@@ -214,10 +214,6 @@ class Strict(WholeCheck):
         values, codes, ground, *_ = scene.indicators
         around = scene.lanes, (*ground, values[FRONT])
         return scene.snapshot.arrays, codes, *around, self._strict, self._ego
-
-
-Vehicles = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""The arrays of a snapshot, from ``s_m`` to ``width_m``, shape (1 + N,), the ego first."""
 
 
 @compiled

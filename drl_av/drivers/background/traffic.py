@@ -32,7 +32,7 @@ from drl_av.driving.affordances import CODES, VALUES, IntArray, complete
 from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, ahead_m, lane_of, road_numbers
-from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
+from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands, Vehicles
 from drl_av.road.vehicle_types import VehicleTypes
 from drl_av.safety.reachability import stopping_distance
 from drl_av.simulation.population import DriverModel
@@ -167,7 +167,7 @@ def decide(
 
 @borrowing
 def decide_each(
-    scene: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    scene: Vehicles,
     traffic: TrafficNumbers,
     rows: IntArray,
     of_vehicles: tuple[IntArray, FloatArray, IntArray, IntArray, FloatArray, IntArray],
