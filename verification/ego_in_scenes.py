@@ -34,7 +34,7 @@ def plan_all(
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     for row in range(len(x_m)):
         state = (x_m[row], y_m[row], speed_m_s[row], lateral_m_s[row], length_m, width_m)
-        indicators(*state, road, 250.0, values, codes)
+        indicators(state, road, 250.0, values, codes)
         begun = (lanes[row, 0], lanes[row, 1], heading_rad[row])
         ground = (road.lane_width_m, road.speed_limits, values[FRONT])
         into = (plans[row, 0], plans[row, 1], plans[row, 2])
@@ -61,7 +61,7 @@ def judge(
     verdicts, rules = np.empty(12, np.int64), np.empty(12, np.int64)
     for row in range(len(x_m)):
         state = (x_m[row], y_m[row], speed_m_s[row], lateral_m_s[row], length_m, width_m)
-        indicators(*state, road, 250.0, values, codes)
+        indicators(state, road, 250.0, values, codes)
         ground = (0.0, road.lane_width_m, road.barriers, x_m[row, 0] + length_m[0] / 2)
         scene = (state, codes, (lanes[row, 0], lanes[row, 1]), ground, strict, ego)
         strict_verdicts(*scene, verdicts, rules)

@@ -266,7 +266,7 @@ def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
     given = task.offset, task.scale, task.bounds, task.reward, task.safety
     r_v, r_y, r_x = compute_values(
-        *state, task.road, task.range_m, *given, values, codes, episodes.observation[w]
+        state, task.road, task.range_m, *given, values, codes, episodes.observation[w]
     )
     episodes.terms[w, 0], episodes.terms[w, 1], episodes.terms[w, 2] = r_v, r_y, r_x
     executed, rules = episodes.executed[w], episodes.rules[w]

@@ -123,35 +123,26 @@ class TrafficDrivers:
         if self._hard_braking is not None:
             self._hard_braking(self.memory[1])
         of_vehicles = *self._of_each, *self.memory, *self._found
-        decide.fast(*snapshot.arrays, self._numbers, rows, *of_vehicles)
+        decide.fast(snapshot.arrays, self._numbers, rows, of_vehicles)
         acceleration_m_s2, side = self._found
         return TrafficCommands(rows, acceleration_m_s2[rows], side[rows])
 
 
+OfVehicles = tuple[IntArray, FloatArray, IntArray, IntArray, FloatArray, IntArray]
+"""The ``DriverModel`` of each vehicle, shape (1 + N,) like all; its desired speed; the state of its
+machine; for how many decisions it brakes hard; its acceleration; and its lane change."""
+
+
 @compiled
 def decide(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
-    traffic: TrafficNumbers,
-    rows: IntArray,
-    models: IntArray,
-    desired_m_s: FloatArray,
-    states: IntArray,
-    braking: IntArray,
-    acceleration_m_s2: FloatArray,
-    side: IntArray,
+    scene: Vehicles, traffic: TrafficNumbers, rows: IntArray, of_vehicles: OfVehicles
 ) -> None:
     """Compute the decisions of the vehicles ``rows``, shape (R,), in ``ORDER``.
 
-    The first six arrays are those of a snapshot, shape (1 + N,), and so are the last six:
-    ``models`` holds the ``DriverModel``, ``braking`` for how many decisions a vehicle brakes hard.
-    The function updates ``states`` and ``braking``, and fills the last two arrays in ``rows``.
+    ``scene`` is ``Snapshot.arrays``. The function updates the states of ``of_vehicles`` and for how
+    long they brake, and fills its last two arrays in ``rows``.
     """
-    n, scene = len(s_m), (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
+    n = len(scene[0])
     scratch = (
         np.empty(VALUES),
         np.empty(CODES, np.int64),
@@ -159,10 +150,9 @@ def decide(
         np.empty(n, np.int64),
         np.empty(n, np.int64),
     )
-    of_vehicles = models, desired_m_s, states, braking, acceleration_m_s2, side
     if decide_each(scene, traffic, rows, of_vehicles, scratch):
         limits = (traffic.road.lap_m, traffic.road.lane_width_m), traffic.braking_m_s2
-        give_way(rows, side, *scene[:5], *limits, traffic.times_s)
+        give_way(rows, of_vehicles[5], *scene[:5], *limits, traffic.times_s)
 
 
 @borrowing
@@ -170,7 +160,7 @@ def decide_each(
     scene: Vehicles,
     traffic: TrafficNumbers,
     rows: IntArray,
-    of_vehicles: tuple[IntArray, FloatArray, IntArray, IntArray, FloatArray, IntArray],
+    of_vehicles: OfVehicles,
     scratch: tuple[FloatArray, IntArray, Float32Array, IntArray, IntArray],
 ) -> bool:
     """Do what ``decide`` does but for the right of way; return whether one wants a lane change."""
