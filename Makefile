@@ -60,7 +60,7 @@ pretrained: setup
 
 # The driver by the paper's whole schedule, trained again (half an hour).
 pretrained-paper: setup
-	$(BIN)/drl-av train --preset paper --out runs/pretrained-paper
+	$(BIN)/drl-av train --preset paper --traffic calm --out runs/pretrained-paper
 	cd runs/pretrained-paper && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/paper/
 

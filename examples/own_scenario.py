@@ -12,6 +12,8 @@ import drl_av  # registers the environment
 from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
 MAINTAIN = 0
+CALM = {"traffic": {"kind": "calm"}}
+"""SUMO drives all other vehicles."""
 
 ROADWORKS = ScenarioDescription(circumference_m=800.0, barricaded_lanes=(0,))
 """Any number of vehicles, at random places; lane 0, on the right, is closed."""
@@ -32,7 +34,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, description in (("roadworks", ROADWORKS), ("story", STORY)):
             write_scenario(Path(folder) / name, description)
-            env = gymnasium.make("drl_av/Highway-v0", scenario=Path(folder) / name)
+            env = gymnasium.make("drl_av/Highway-v0", scenario=Path(folder) / name, config=CALM)
             _, info = env.reset(seed=800_000)
             for _ in range(10):
                 _, _, _, _, info = env.step(MAINTAIN)

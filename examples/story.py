@@ -21,13 +21,16 @@ STORY = ScenarioDescription(
     ),
 )
 
+CALM = {"traffic": {"kind": "calm"}}
+"""SUMO drives all other vehicles."""
+
 
 def main(decisions: int = 10) -> None:
     """Print the shipped driver's action in each decision."""
     driver = drl_av.load_driver("pretrained")
     with tempfile.TemporaryDirectory() as folder:
         write_scenario(Path(folder) / "story", STORY)
-        env = gymnasium.make("drl_av/Highway-v0", scenario=Path(folder) / "story")
+        env = gymnasium.make("drl_av/Highway-v0", scenario=Path(folder) / "story", config=CALM)
         observation, _ = env.reset(seed=800_000)
         driver.start(800_000)
         for second in range(1, decisions + 1):

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.config.traffic import TRAFFIC_PRESETS
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
@@ -29,13 +28,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LATE_BRAKING: Settings = {"traffic": {"keep_stopping_distance": False}}
+LATE_BRAKING: Settings = {"traffic": {"kind": "calm", "keep_stopping_distance": False}}
 """The traffic of the trainings in ``calm``, which were made before SUMO's vehicles kept a stopping
 distance."""
-MIXED: Settings = {
-    "simulation": {"world": "twin"},
-    "traffic": {name: value for name, (value, _) in TRAFFIC_PRESETS["paper"].settings.items()},
-}
+MIXED: Settings = {"simulation": {"world": "twin"}, "traffic": {"kind": "paper"}}
 """The traffic of Sec. IV-B of the paper, in the twin."""
 VARIANTS: dict[str, Settings] = {
     "paper": {"safety": {"check": "paper"}, "learning": {"replay": "two-buffer"}},

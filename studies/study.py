@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drl_av.config import Config
+from drl_av.config import Config, from_sections
 from drl_av.config.presets import preset
 from drl_av.config.schema import did_you_mean
 from drl_av.drivers.policy_file import find_policy
@@ -275,10 +275,8 @@ class FileStudy:
 
 
 def changed(config: Config, settings: Settings) -> Config:
-    """Return the config with other values of some settings."""
-    for section, values in settings.items():
-        config = config.updated(section, **values)
-    return config
+    """Return the config with other values of some settings; ``traffic.kind`` names a kind."""
+    return from_sections(settings, config, "a study")
 
 
 def with_check(config: Config, bounds: str) -> Config:

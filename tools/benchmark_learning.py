@@ -86,7 +86,7 @@ def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     With 30 vehicles most of the time is SUMO's. In the twin nearly all is the gradient steps'.
     """
     few, most = Config().traffic.vehicles_min, Config().traffic.vehicles_max
-    in_sumo = exploring(Config())
+    in_sumo = exploring(Config().with_traffic("calm"))
     in_twin = in_sumo.updated("simulation", world="twin")
     worlds = (training(config, seeds, stack) for config in (in_twin, in_sumo))
     return [

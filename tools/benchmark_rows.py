@@ -69,8 +69,9 @@ def exploring(config: Config) -> Config:
 
 
 def crowded(vehicles: int = VEHICLES) -> Config:
-    """Return the paper's settings with this number of vehicles and a constant epsilon of 0.2."""
-    return exploring(Config().updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles))
+    """Return the settings with this number of vehicles, calm, and a constant epsilon of 0.2."""
+    calm = Config().with_traffic("calm")
+    return exploring(calm.updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles))
 
 
 LEAST_RATIOS = {"paper": 0.9, "strict": 0.85}

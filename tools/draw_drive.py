@@ -36,7 +36,8 @@ def main() -> None:
     parser.add_argument("--last", type=int, default=54, help="last decision (default: 54)")
     options = parser.parse_args()
     choices = find_drivers(DRIVERS)
-    config = default_config(choices).updated("simulation", decisions_per_episode=options.last)
+    config = default_config(choices).with_traffic("calm")
+    config = config.updated("simulation", decisions_per_episode=options.last)
     with closing(HighwayEnv(config=config)) as env:
         films = [
             film(env, name, driver, options.seed, options.vehicles, options.first)

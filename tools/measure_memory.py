@@ -19,6 +19,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import pluralize
 from drl_av.evaluation.provenance import made_by
 
+CALM = {"traffic": {"kind": "calm"}}
 SEEDS = 3_000
 """First traffic seed of the episodes."""
 MOST_GROWTH = 0.05
@@ -63,7 +64,10 @@ def main() -> int:
     held = {}
     total = options.warm_up + options.resets
     with ExitStack() as stack:
-        envs = [stack.enter_context(closing(HighwayEnv())) for _ in range(options.environments)]
+        envs = [
+            stack.enter_context(closing(HighwayEnv(config=CALM)))
+            for _ in range(options.environments)
+        ]
         rounds = [resets(env, total, options.vehicles, options.decisions) for env in envs]
         for done, *_ in zip(*rounds, strict=True):
             if done in reported:

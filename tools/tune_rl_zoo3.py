@@ -48,6 +48,7 @@ RANGES: dict[str, tuple[float, ...]] = {
     "exploration_fraction": (0.1, 0.2, 0.3),
 }
 """The values among which a trial draws; it takes everything else from ``BY_HAND``."""
+CALM = {"traffic": {"kind": "calm"}}
 SEARCH_SEED = 0
 VEHICLES = (5, 15, 25)
 TRIAL_TRAFFIC, FINAL_TRAFFIC = 800_000, 801_000
@@ -75,7 +76,7 @@ def draw(number: int) -> list[dict[str, Any]]:
 
 def train(settings: Mapping[str, Any], seed: int, decisions: int) -> DQN:
     """Train an agent in traffic that is drawn with ``seed`` and that no evaluation uses."""
-    with closing(gymnasium.make("drl_av/Highway-v0", action_mask=False)) as env:
+    with closing(gymnasium.make("drl_av/Highway-v0", action_mask=False, config=CALM)) as env:
         agent = DQN("MlpPolicy", env, seed=seed, device="cpu", **settings)
         return agent.learn(decisions)
 
@@ -90,7 +91,13 @@ def rate(traffic: int, episodes: int, agent: DQN | None = None) -> Rating:
         own["agent"] = PolicyDriver(lambda seen: agent.predict(seen, deterministic=True)[0])
     drivers = () if own else "pretrained-paper"
     rows = drl_av.evaluate(
-        drivers, own=own, vehicles=VEHICLES, episodes=episodes, seed=traffic, safety_check="paper"
+        drivers,
+        own=own,
+        vehicles=VEHICLES,
+        episodes=episodes,
+        seed=traffic,
+        safety_check="paper",
+        config=CALM if own else None,
     )
     return Rating(
         fmean(row.mean_reward for row in rows),

@@ -200,7 +200,8 @@ def main() -> int:
     parser.drivers(*DRIVERS)
     parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
-    config = Config().updated("simulation", world="twin").updated("safety", check="strict")
+    config = Config().with_traffic("calm").updated("simulation", world="twin")
+    config = config.updated("safety", check="strict")
     names = [spec.name for spec in find_drivers(options.driver)]
     seeds = range(SEEDS, SEEDS + options.episodes)
     speeds: list[Speed] = []
@@ -216,10 +217,8 @@ def main() -> int:
     print(f"{'vehicles':>8}  {'driver':<16}{'speed, m/s':>11}  gain of the search, m/s")
     for gain in paired(speeds, SEARCH, names):
         own = [one.mean_speed_m_s for one in speeds if one[:2] == (gain.baseline, gain.vehicles)]
-        mean, half = gain.difference_m_s
-        print(
-            f"{gain.vehicles:>8}  {gain.baseline:<16}{np.mean(own):>11.2f}  {mean:.2f} ± {half:.2f}"
-        )
+        speed = np.mean(own)
+        print(f"{gain.vehicles:>8}  {gain.baseline:<16}{speed:>11.2f}  {gain.difference_m_s}")
     print(parser.made_by())
     return 0
 

@@ -115,8 +115,7 @@ def main() -> int:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
         for driver, check in product(options.driver, options.safety_check):
             how = (frequencies, options.seed, careless)
-            named = {"driver": driver, "jobs": options.jobs}
-            found = run(settings(check), options.tests, *how, **named)
+            found = run(settings(check), options.tests, *how, driver=driver, jobs=options.jobs)
             print(f"driver {driver}\n{report(check, found)}", flush=True)
     print(parser.made_by())
     return 0

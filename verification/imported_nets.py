@@ -168,7 +168,7 @@ def near_the_ego(shot: Snapshot) -> Snapshot:
 def drive(folder: Path, episodes: int) -> Drive:
     """Drive ``idm-mobil`` under ``paper`` in a scenario."""
     specs = find_drivers(["idm-mobil"])
-    config = driving_config(specs, Config())
+    config = driving_config(specs, Config().with_traffic("calm"))
     [driver] = make_drivers(specs, config).values()
     found = Drive()
     with contextlib.closing(HighwayEnv(folder, config=config)) as env:

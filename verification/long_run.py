@@ -118,7 +118,7 @@ def main() -> int:
     parser.add_argument("--traffic", choices=TRAFFIC_PRESETS, help="default: five mixes")
     parser.add_argument("--out", type=Path, default="long_run.csv", help="default: long_run.csv")
     arguments = parser.parse_args()
-    base = Config().updated("safety", check="strict")
+    base = Config().with_traffic("calm").updated("safety", check="strict")
     if arguments.traffic is not None:
         base = base.with_traffic(arguments.traffic)
         worlds = {arguments.traffic: Watched(base)}

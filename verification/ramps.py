@@ -248,7 +248,8 @@ def driven_with(spec: DriverSpec, scenario: Path) -> Config:
     was trained.
     """
     own = default_config([spec])
-    config = replace(Config(), observation=own.observation, ego=own.ego, learning=own.learning)
+    calm = Config().with_traffic("calm")
+    config = replace(calm, observation=own.observation, ego=own.ego, learning=own.learning)
     return config.updated("safety", check="strict").updated("simulation", scenario=str(scenario))
 
 

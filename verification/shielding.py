@@ -86,7 +86,8 @@ def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[
     from stable_baselines3.common.utils import set_random_seed
 
     set_random_seed(seed)
-    masking, config = method == "masking", Config().updated("safety", check="strict")
+    masking, calm = method == "masking", Config().with_traffic("calm")
+    config = calm.updated("safety", check="strict")
     reward = PenalizedReward(PENALTY if method == "replacement and penalty" else 0.0)
     key = {"method": method, "seed": seed}
     with closing(HighwayEnv(config=config, reward=reward)) as env:

@@ -27,7 +27,7 @@ SEEDS = 2_000
 
 def measure(step_length_s: float, episodes: int, vehicles: int) -> dict[str, float]:
     """Drive the episodes with one step length, and return its row of the table."""
-    config = Config().updated("simulation", step_length_s=step_length_s)
+    config = Config().with_traffic("calm").updated("simulation", step_length_s=step_length_s)
     with closing(HighwayEnv(config=config)) as env:
         driver, seeds, begun_s = IdmDriver(config.safety), range(SEEDS, SEEDS + episodes), now()
         decisions = sum(drive(env, driver, "idm", seed, vehicles).decisions for seed in seeds)

@@ -29,7 +29,7 @@ SUMO_DRIVERS = ("sumo", "sumo-tuned")
 CHECKS = ("permit_all", "paper", "strict")
 SETTINGS: dict[str, dict[str, Any]] = {
     "simulation": {"decisions_per_episode": 60},
-    "traffic": {"random_lane_changes_per_s": 0.0},
+    "traffic": {"kind": "calm", "random_lane_changes_per_s": 0.0},
 }
 COLUMNS = (
     *("story", "driver", "safety_check", "decisions", "mean_speed_m_s", "collision"),

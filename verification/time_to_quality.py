@@ -92,7 +92,7 @@ def stable_baselines3(name: str, seed: int) -> Drivers:
 
     torch.set_num_threads(1)
     drivers: Drivers = []
-    config = Config()
+    config = Config().with_traffic("calm")
     every = EPISODES * config.simulation.decisions_per_episode
 
     def keep(*_: object) -> bool:
@@ -124,7 +124,7 @@ TRAINED: dict[str, Callable[[int], Drivers]] = {
 def rows_of(agent: str, seed: int) -> list[dict[str, Any]]:
     """Train an agent, if it learns, and evaluate its checkpoints; return their rows."""
     rows, drivers = [], TRAINED[agent](seed) if agent in TRAINED else [(0.0, RandomDriver())]
-    with closing(HighwayEnv()) as env:
+    with closing(HighwayEnv(config={"traffic": {"kind": "calm"}})) as env:
         for number, (cpu_s, driver) in enumerate(drivers, start=1):
             results = [
                 drive(env, driver, agent, TRAFFIC + episode, vehicles)

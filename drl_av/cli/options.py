@@ -179,7 +179,7 @@ def with_command_line(config: Config, options: argparse.Namespace) -> Config:
         config = config.updated("simulation", world=options.world)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
-    config = with_scenario(config, options.scenario)
+    config = with_scenario(config, options.scenario, options.traffic)
     with suppress(ScenarioError):  # which the verb reports when it loads the scenario
         if summary := summary_of(config.simulation.scenario):
             print(summary, file=sys.stderr)

@@ -16,7 +16,9 @@ LITERAL: dict[str, dict[str, Any]] = {
 """The settings of the preset ``literal``: the paper as printed, see ``docs/choices.md``."""
 PRESETS: dict[str, Config] = {
     "paper": Config(),
-    "fast": Config().updated(
+    "fast": Config()
+    .with_traffic("calm")
+    .updated(
         "learning",
         episodes=200,
         evaluate_every=20,
@@ -64,6 +66,7 @@ for _scenario, _fast in {
     for _name, _learning in (("paper", {}), ("fast", _fast)):
         PRESETS[f"{_name}-{_scenario}"] = (
             PRESETS[_name]
+            .with_traffic("calm")
             .updated("simulation", scenario=_scenario)
             .updated("observation", way=True)
             .updated("safety", check="strict")

@@ -13,6 +13,20 @@ STANDSTILL_GAP_M = 2.5
 BESIDE_PRESETS = "vehicles_min", "vehicles_max", "keep_stopping_distance"
 """The settings that may be set beside ``presets``."""
 
+PAPER_SHARES: dict[str, Any] = {
+    "finite_state_share": 0.25,
+    "level_0_share": 0.25,
+    "level_1_share": 0.25,
+}
+"""The shares of the drivers that Sec. IV-B names: by default a quarter each, which is ours."""
+NO_PAPER_DRIVERS: dict[str, Any] = dict.fromkeys(PAPER_SHARES, 0.0)
+SUMO_ALONE = (
+    "traffic: finite_state_share, the shares of the levels and hard_braking_share must be 0 on an "
+    "open road, on which SUMO drives all other vehicles: set them to 0, or traffic.kind to calm, "
+    "the default there, overtaking or naturalistic, or take a loop."
+)
+"""The refusal of drivers other than SUMO's on an open road."""
+
 
 @dataclass(frozen=True)
 class TrafficConfig(Section):
@@ -34,9 +48,10 @@ class TrafficConfig(Section):
     lane_evenness: parameter of the Dirichlet distribution that draws the share of each lane; a
         large value makes the shares nearly equal (ours)
     start_gap_m: smallest gap, bumper to bumper, between vehicles of a lane at the start (ours)
-    finite_state_share: chance that a finite-state machine drives a vehicle (Sec. IV-B)
-    level_0_share: chance that a vehicle is a level-0 driver (Sec. IV-B)
-    level_1_share: chance that a vehicle is a level-1 driver (Sec. IV-B)
+    finite_state_share: chance that a finite-state machine drives a vehicle (Sec. IV-B; a quarter is
+        ours)
+    level_0_share: chance that a vehicle is a level-0 driver (Sec. IV-B; a quarter is ours)
+    level_1_share: chance that a vehicle is a level-1 driver (Sec. IV-B; a quarter is ours)
     level_2_share: chance that a vehicle is a level-2 driver (Sec. IV-B)
     keep_stopping_distance: whether vehicles that SUMO drives stay slow enough to stop behind the
         one ahead, which IDM alone does not ensure; beside finite-state and level-k drivers they do
@@ -74,9 +89,9 @@ class TrafficConfig(Section):
     random_lane_changes_per_s: float = setting(0.002, low=0, high=1)
     lane_evenness: float = setting(2.0, low=0.01, high=1000)
     start_gap_m: float = setting(8.0, low=STANDSTILL_GAP_M, high=100)
-    finite_state_share: float = setting(0.0, low=0, high=1)
-    level_0_share: float = setting(0.0, low=0, high=1)
-    level_1_share: float = setting(0.0, low=0, high=1)
+    finite_state_share: float = setting(PAPER_SHARES["finite_state_share"], low=0, high=1)
+    level_0_share: float = setting(PAPER_SHARES["level_0_share"], low=0, high=1)
+    level_1_share: float = setting(PAPER_SHARES["level_1_share"], low=0, high=1)
     level_2_share: float = setting(0.0, low=0, high=1)
     keep_stopping_distance: bool = True
     overtake_right: bool = False
@@ -105,23 +120,30 @@ class TrafficConfig(Section):
         self.ordered("headway_min_s", "headway_max_s")
         self.ordered("acceleration_min_m_s2", "acceleration_max_m_s2")
         self.ordered("speed_gain_min", "speed_gain_max")
-        beside = {name: getattr(self, name) for name in BESIDE_PRESETS}
-        if self.presets and replace(self, presets=()) != TrafficConfig(**beside):
-            raise ConfigError(
-                "traffic: presets draws the other settings of the section in each episode, so "
-                f"only {', '.join(BESIDE_PRESETS)} can be set beside it: remove the others."
-            )
+        if self.presets:
+            self._leave_the_rest_to_presets()
         if sum(self.shares) > 1 + 1e-9:
             raise ConfigError(
                 "traffic: finite_state_share + level_0_share + level_1_share + hard_braking_share "
-                f"+ level_2_share is {sum(self.shares):g}, but must be at most 1; the rest is "
-                "SUMO's IDM."
+                f"+ level_2_share is {sum(self.shares):g}, but must be at most 1, as the rest is "
+                'SUMO\'s IDM: lower one, or begin with kind = "calm", in which all of them are 0.'
             )
         if sum(self.unusual_shares) > 1 + 1e-9:
             raise ConfigError(
                 "traffic: standing_share + crawling_share + fast_share is "
                 f"{sum(self.unusual_shares):g}, but must be at most 1."
             )
+
+    def _leave_the_rest_to_presets(self) -> None:
+        """Set the paper's shares to 0; raise ConfigError if a setting beside ``presets`` is set."""
+        beside = TrafficConfig(**{name: getattr(self, name) for name in BESIDE_PRESETS})
+        if replace(self, presets=()) not in (beside, replace(beside, **NO_PAPER_DRIVERS)):
+            raise ConfigError(
+                "traffic: presets draws the other settings of the section in each episode, so "
+                f"only {', '.join(BESIDE_PRESETS)} can be set beside it: remove the others."
+            )
+        for name, share in NO_PAPER_DRIVERS.items():
+            object.__setattr__(self, name, share)
 
     def longest_m(self, length_m: float) -> float:
         """Return the length of the longest vehicle, metres; a car has ``length_m``."""
@@ -150,7 +172,10 @@ class TrafficPreset(NamedTuple):
     """Maps the name of each changed setting to a pair: its value, and the source of this value."""
 
 
-_A_QUARTER = 0.25, "Sec. IV-B names these drivers; a quarter of each is ours"
+_NO_PAPER_DRIVERS = {
+    name: (share, "ours: none of the drivers of Sec. IV-B")
+    for name, share in NO_PAPER_DRIVERS.items()
+}
 _BY_SUMO = 1.0, "SUMO's default lcSpeedGain"
 _KUSARI = "Kusari, arXiv:2109.11620: 1.19 +- 0.26, two standard deviations to each side"
 _TRUCK_LIMIT = "ours: about 60 mph, a limit for trucks in the United States"
@@ -158,22 +183,16 @@ _FITTED = "fitted to speed, time gap and range of the SPMD and IVBSS studies"
 """Fitted with ``verification/traffic_moments.py``, without regard to the ego's results."""
 
 TRAFFIC_PRESETS: dict[str, TrafficPreset] = {
-    "calm": TrafficPreset("lane changes are random only; no driver overtakes", {}),
-    "paper": TrafficPreset(
-        "IDM, finite-state, level-0 and level-1 drivers, a quarter of each",
-        {
-            "finite_state_share": _A_QUARTER,
-            "level_0_share": _A_QUARTER,
-            "level_1_share": _A_QUARTER,
-        },
-    ),
+    "calm": TrafficPreset("lane changes are random only; no driver overtakes", _NO_PAPER_DRIVERS),
+    "paper": TrafficPreset("IDM, finite-state, level-0 and level-1 drivers, a quarter of each", {}),
     "overtaking": TrafficPreset(
         "SUMO's drivers change lanes to get ahead",
-        {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
+        _NO_PAPER_DRIVERS | {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
     ),
     "naturalistic": TrafficPreset(
         "speeds, gaps and lane changes similar to those measured on US highways, and trucks",
-        {
+        _NO_PAPER_DRIVERS
+        | {
             "desired_speed_min_m_s": (34.0, f"{_FITTED}; 35.5 on I-24, CorridorCalibration 3b"),
             "desired_speed_max_m_s": (40.0, "the road's speed limit"),
             "headway_min_s": (0.5, "SUMO's step; IDM keeps more near its desired speed"),
@@ -196,7 +215,8 @@ TRAFFIC_PRESETS: dict[str, TrafficPreset] = {
     "hazards": TrafficPreset(
         "standing, crawling, hard-braking and fast vehicles, and lane changes into one lane from "
         "both sides",
-        {
+        _NO_PAPER_DRIVERS
+        | {
             "speed_gain_min": _BY_SUMO,
             "speed_gain_max": _BY_SUMO,
             "standing_share": (0.01, "ours: 0.4 of 40 vehicles"),

@@ -7,8 +7,9 @@ from drl_av.env.observation import GROUPS
 TEXT = """The ego on a highway with other vehicles, one decision a second (Fig. 3 of the paper).
 
 ## Description
-A circular highway of three lanes represents an infinite straight highway. SUMO drives the other
-vehicles. A safety check examines each action of the agent before the ego executes it.
+A circular highway of three lanes represents an infinite straight highway. IDM, finite-state,
+level-0 and level-1 drivers drive the other vehicles, a quarter of each; on an open road SUMO drives
+them all. A safety check examines each action of the agent before the ego executes it.
 
 ## Action Space
 `Discrete(12)`, `4 * lateral + longitudinal`:

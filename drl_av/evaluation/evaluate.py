@@ -133,7 +133,7 @@ def evaluate(
         )
     specs = _specs(drivers if _is_several(drivers) else [drivers], own)
     settings = driving_config(specs, config, traffic)
-    settings = with_scenario(settings, scenario)
+    settings = with_scenario(settings, scenario, traffic)
     own_check = safety_check
     if safety_check is None and not is_complete(config):
         warn_of_checks(specs, settings.safety.check)

@@ -49,7 +49,7 @@ def train(
         SimulationError: SUMO ended unexpectedly; ``drl-av train --resume`` continues.
     """
     base = Config() if traffic is None else Config().with_traffic(traffic)
-    settings = with_scenario(as_config(config, base), scenario)
+    settings = with_scenario(as_config(config, base), scenario, traffic)
     own_check: str | SafetyCheck | None = None
     if isinstance(safety_check, str):
         settings = settings.updated("safety", check=safety_check)

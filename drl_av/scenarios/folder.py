@@ -3,12 +3,14 @@
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.config.schema import did_you_mean
-from drl_av.errors import ScenarioError
+from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
+from drl_av.errors import ConfigError, ScenarioError
 from drl_av.files import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types
@@ -16,6 +18,7 @@ from drl_av.scenarios import folder_files
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE
+from drl_av.scenarios.open_road import OpenDescription
 from drl_av.scenarios.road_description import (
     PlacedVehicle,
     RoadDescription,
@@ -255,19 +258,41 @@ def shipped_scenarios() -> dict[str, Path]:
     return {}
 
 
-def with_scenario(config: Config, name_or_path: str | Path | None = None) -> Config:
+def with_scenario(
+    config: Config, name_or_path: str | Path | None = None, traffic: str | None = None
+) -> Config:
     """Return the config with a scenario that is the same in every working directory.
 
     Without ``name_or_path`` it is the config's own. A folder is named by its absolute path. A
     shipped scenario takes precedence over a folder of its name, which a Path or ``./name`` stands
     for. Any other text stays as it is.
+
+    On an open road the default shares of the paper's drivers, who cannot drive there, become 0, so
+    that the default traffic is ``calm``.
+
+    Raises:
+        ConfigError: the road is open, and ``traffic``, the kind that the user names, has them.
     """
     if name_or_path is None:
         name_or_path = config.simulation.scenario
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
     scenario = str(Path(name_or_path).absolute() if is_folder else name_or_path)
-    return config.updated("simulation", scenario=scenario)
+    config = config.updated("simulation", scenario=scenario)
+    shares = {name: getattr(config.traffic, name) for name in PAPER_SHARES}
+    if shares != PAPER_SHARES or not _is_open(scenario):
+        return config
+    if traffic is not None:
+        raise ConfigError(SUMO_ALONE)
+    return config.updated("traffic", **NO_PAPER_DRIVERS)
+
+
+def _is_open(scenario: str) -> bool:
+    """Return whether the road of a scenario is open; False if it cannot be read, either."""
+    with suppress(ScenarioError):  # which loading the scenario reports
+        description = find_scenario(scenario) / folder_files.DESCRIPTION_FILE
+        return isinstance(read_description(description), OpenDescription)
+    return False
 
 
 def find_scenario(name_or_path: str | Path | None = None) -> Path:

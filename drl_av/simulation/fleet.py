@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.config.traffic import SUMO_ALONE
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.road.road import CENTERED_M, FloatArray
 from drl_av.road.snapshot import EGO, EGO_ID
@@ -64,11 +65,7 @@ class Fleet:
         if self._start is not None and self.placed is None:
             require_reachable(scenario.road, self._start, config.ego)
         if self._start is not None and sum(config.traffic.shares) > 0:
-            raise ConfigError(
-                "traffic: finite_state_share, the shares of the levels and hard_braking_share must "
-                "be 0 on an open road, on which SUMO drives all other vehicles: set them to 0, "
-                "or traffic.kind to calm, overtaking or naturalistic, or take a loop."
-            )
+            raise ConfigError(SUMO_ALONE)
         if self._start is not None and self.placed is None:
             self._require_room(self._start)
 

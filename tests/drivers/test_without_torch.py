@@ -21,6 +21,7 @@ SHORT_WITH_LEVEL_1 = """
 [simulation]
 decisions_per_episode = 5
 [traffic]
+kind = "calm"
 level_1_share = 1.0
 """
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from drives import Place
 
+from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
 
@@ -41,7 +42,8 @@ def place(tmp_path: Path, stack: ExitStack) -> Place:
     ) -> HighwayEnv:
         folder = tmp_path / f"scenario{len(list(tmp_path.iterdir()))}"
         write_scenario(folder, kind(vehicles=vehicles))
-        env = HighwayEnv(folder, **({"safety_check": "permit_all"} | arguments))
+        usual = {"safety_check": "permit_all", "config": Config().with_traffic("calm")}
+        env = HighwayEnv(folder, **(usual | arguments))
         return stack.enter_context(closing(env))
 
     return placed

@@ -60,7 +60,7 @@ class Witness:
 
 
 def plant(lateral_plant: str, step_s: float) -> Config:
-    config = Config().updated("simulation", step_length_s=step_s)
+    config = Config().with_traffic("calm").updated("simulation", step_length_s=step_s)
     config = config.updated("traffic", random_lane_changes_per_s=0.0)
     return config.updated("ego", lateral_plant=lateral_plant)
 

@@ -1,5 +1,6 @@
 """Episodes on open roads: they end at the end, vehicles come and go, and all repeats exactly."""
 
+import dataclasses
 import hashlib
 from collections.abc import Iterator
 from contextlib import closing
@@ -12,7 +13,8 @@ from drives import HARD_BRAKE, KEEP, LEFT, Place, until_over
 from gymnasium.utils.env_checker import check_env
 
 import drl_av
-from drl_av.config import Config
+from drl_av.cli import main
+from drl_av.config import Config, load_config
 from drl_av.drawing.page import write_page
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import draw
@@ -220,6 +222,37 @@ def test_drivers_of_our_own_are_refused_on_an_open_road() -> None:
     own = config("merge").updated("traffic", finite_state_share=0.5)
     with pytest.raises(ConfigError, match=r"must be 0 on an open road, on which SUMO drives"):
         HighwayEnv(config=own)
+
+
+def test_the_default_traffic_of_an_open_road_is_calm_and_is_written_so(tmp_path: Path) -> None:
+    calm = Config().with_traffic("calm").traffic
+    for scenario, expected in (("merge", calm), ("barricade", Config().traffic)):
+        with closing(HighwayEnv(scenario)) as env:
+            assert env.config.traffic == expected
+    given = {"vehicles_max": 9, "headway_min_s": 1.0}
+    with closing(HighwayEnv("merge", config={"traffic": given})) as env:
+        assert env.config.traffic == dataclasses.replace(calm, vehicles_max=9, headway_min_s=1.0)
+    few = {
+        "simulation": {"scenario": "merge", "decisions_per_episode": 2},
+        "learning": {"evaluation_episodes": 1},
+    }
+    run = drl_av.train(tmp_path / "run", config=few, episodes=1)
+    assert load_config(run / "config.toml").traffic == calm
+
+
+def test_what_the_user_names_is_refused_and_not_replaced(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refusal = r"set them to 0, or traffic\.kind to calm, the default there, overtaking"
+    for traffic in ({"level_2_share": 0.1}, {"level_0_share": 0.3}, {"kind": "all"}):
+        with pytest.raises(ConfigError, match=refusal):
+            HighwayEnv("merge", config={"traffic": traffic})
+    with pytest.raises(ConfigError, match=refusal):
+        drl_av.evaluate("idm", scenario="merge", traffic="paper")
+    with pytest.raises(ConfigError, match=refusal):
+        drl_av.train("nowhere", scenario="merge", traffic="paper")
+    assert main(["replay", "idm", "--scenario", "merge", "--traffic", "paper"]) == 1
+    assert "traffic.kind to calm, the default there" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_accelerate_follows_a_slower_vehicle_under_a_longitudinal_reference(
     # gaps as worked out in test_car_following; by number, accelerate would run into it
     slow = PlacedVehicle("slow", 1, 150.0, 15.0, 15.0)
     ego = PlacedVehicle("ego", 1, 50.0, 25.0, 30.0)
-    quiet = Config().updated("traffic", random_lane_changes_per_s=0.0)
+    quiet = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=0.0)
     config = quiet.updated("ego", longitudinal_reference=reference)
     env = place(ego, slow, config=config)
     env.reset(seed=0)

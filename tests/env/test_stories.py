@@ -35,7 +35,8 @@ class Told(NamedTuple):
 
 def tell(story: str, *actions: int, decisions: int, check: str = "permit_all") -> Told:
     """Drive a story by the numbers of actions, the last of which repeats."""
-    with closing(HighwayEnv(story, safety_check=check)) as env:
+    calm = {"traffic": {"kind": "calm"}}
+    with closing(HighwayEnv(story, check, calm)) as env:
         assert env.reset(seed=0)[1]["unsafe_start"] is False
         told = Told([env.scene.snapshot], [])
         for decision in range(decisions):

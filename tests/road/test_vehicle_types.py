@@ -199,7 +199,7 @@ def test_a_driver_that_proposes_permitted_actions_asks_the_check_for_the_types_o
 
 def test_settings_of_strict_do_not_decide_who_yields_in_the_traffic() -> None:
     # with them, vehicles of this episode gave way to each other from other distances
-    config = Config().updated("traffic", finite_state_share=1.0)
+    config = Config().with_traffic("calm").updated("traffic", finite_state_share=1.0)
     ends = []
     for braking in (4.0, 1.0):
         moved = config.updated("strict", follower_braking_m_s2=braking)

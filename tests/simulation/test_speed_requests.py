@@ -138,9 +138,18 @@ def test_wherever_the_vehicles_have_gone_nobody_else_is_near_its_limit(
 
 
 KINDS = {
-    "calm": {"keep_stopping_distance": True},
-    "lanes change often": {"keep_stopping_distance": True, "random_lane_changes_per_s": 0.1},
-    "trucks": {"keep_stopping_distance": True, "truck_share": 0.4, "speed_gain_max": 1.0},
+    "calm": {"kind": "calm", "keep_stopping_distance": True},
+    "lanes change often": {
+        "kind": "calm",
+        "keep_stopping_distance": True,
+        "random_lane_changes_per_s": 0.1,
+    },
+    "trucks": {
+        "kind": "calm",
+        "keep_stopping_distance": True,
+        "truck_share": 0.4,
+        "speed_gain_max": 1.0,
+    },
     "paper": {"kind": "paper"},
     "hazards": {"kind": "hazards"},
     "naturalistic": {"kind": "naturalistic"},

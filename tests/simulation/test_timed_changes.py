@@ -26,7 +26,7 @@ ROAD = StraightDescription(vehicles=(EGO, STAYER, MOVER))
 def after(folder: Path, description: Any, decisions: int, **traffic: float) -> list[Snapshot]:
     """The snapshots at the reset and after each decision of an ego that keeps lane and speed."""
     write_scenario(folder, description)
-    config = Config().updated("traffic", **traffic)
+    config = Config().with_traffic("calm").updated("traffic", **traffic)
     with closing(Simulation(load_scenario(folder), config)) as simulation:
         found = [simulation.reset(seed=0, vehicles=2)]
         ego = Command(float(found[0].speed_m_s[0]), float(found[0].y_m[0]), 0.0)
@@ -48,7 +48,9 @@ def test_a_vehicle_changes_lanes_at_the_first_decision_at_or_after_each_set_time
 
 def test_each_episode_has_the_changes_again(tmp_path: Path) -> None:
     write_scenario(tmp_path / "road", ROAD)
-    with closing(Simulation(load_scenario(tmp_path / "road"), Config())) as simulation:
+    with closing(
+        Simulation(load_scenario(tmp_path / "road"), Config().with_traffic("calm"))
+    ) as simulation:
         for _ in range(2):
             simulation.reset(seed=0, vehicles=2)
             for _ in range(3):
@@ -58,7 +60,7 @@ def test_each_episode_has_the_changes_again(tmp_path: Path) -> None:
 
 def test_a_change_is_due_once_from_its_time_on(tmp_path: Path) -> None:
     write_scenario(tmp_path / "road", ROAD)
-    config = Config().updated("traffic", random_lane_changes_per_s=0.0)
+    config = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=0.0)
     fleet = Fleet(load_scenario(tmp_path / "road"), config)
     fleet.draw(seed=0, vehicles=2)
     in_lane_2, in_lane_1 = [3.8, 7.6, 7.6], [3.8, 7.6, 3.8]

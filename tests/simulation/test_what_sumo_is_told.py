@@ -89,7 +89,7 @@ def test_random_changes_of_lanes_never_lead_into_the_lane_of_a_ramp(
     kind: str, tmp_path: Path
 ) -> None:
     write_scenario(tmp_path / "road", ROAD_TYPES[kind].description())
-    busy = Config().updated("traffic", random_lane_changes_per_s=1.0)
+    busy = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=1.0)
     fleet = Fleet(load_scenario(tmp_path / "road"), busy)
     fleet.draw(1, 40)
     y_m = np.full(len(fleet.ids), 3.8)  # all in the rightmost lane of the highway
@@ -101,7 +101,7 @@ def test_random_changes_of_lanes_never_lead_into_the_lane_of_a_ramp(
 def test_only_who_keeps_its_lane_changes_lanes_at_random(kind: str, tmp_path: Path) -> None:
     # SUMO would let a vehicle between two lanes go on into the next one, in front of others
     write_scenario(tmp_path / "road", ROAD_TYPES[kind].description())
-    busy = Config().updated("traffic", random_lane_changes_per_s=1.0)
+    busy = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=1.0)
     fleet = Fleet(load_scenario(tmp_path / "road"), busy)
     fleet.draw(1, 20)
     y_m = np.full(len(fleet.ids), 3.8)

@@ -15,7 +15,7 @@ from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.twin.worlds import BRAKING, DRIVER_STATE
 
-TWIN = Config().updated("simulation", world="twin")
+TWIN = Config().with_traffic("calm").updated("simulation", world="twin")
 
 
 @pytest.fixture

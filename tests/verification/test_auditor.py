@@ -301,7 +301,7 @@ MIXES = {
 @pytest.fixture(params=MIXES)
 def watched(request: pytest.FixtureRequest) -> Iterator[tuple[HighwayEnv, list[Snapshot]]]:
     """An environment, and the snapshots of its every SUMO step."""
-    config = CONFIG.updated("traffic", **MIXES[request.param])
+    config = CONFIG.with_traffic("calm").updated("traffic", **MIXES[request.param])
     config = config.updated("simulation", decisions_per_episode=60)
     env, shots = HighwayEnv(config=config, safety_check="strict"), []
     env.simulation.after_step = shots.append

@@ -15,7 +15,8 @@ def one_seed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_idm_that_brakes_too_late_is_found_and_named_once() -> None:
-    tally = check(Config().updated("traffic", keep_stopping_distance=False), "sumo", 1, [30])
+    late = Config().with_traffic("calm").updated("traffic", keep_stopping_distance=False)
+    tally = check(late, "sumo", 1, [30])
     assert tally.colliding == 2  # both vehicles, as SUMO reports them
     assert list(tally.lines()) == [
         "sumo and sumo, in one lane: 1 pairs, first in seed 810029, 30 vehicles, 176 s, "
@@ -30,7 +31,7 @@ def test_a_mix_that_is_none_is_refused(mix: str) -> None:
 
 
 def test_with_a_stopping_distance_the_same_traffic_does_not_collide() -> None:
-    tally = check(Config(), "sumo", 1, [30])
+    tally = check(Config().with_traffic("calm"), "sumo", 1, [30])
     assert tally.colliding == 0
     assert tally.overlaps == []
 

@@ -69,7 +69,8 @@ def test_one_that_brakes_hard_keeps_its_lane() -> None:
     shot = snapshot(ahead(30.0, speed_m_s=18.0))
     models = np.array([DriverModel.HARD_BRAKING, DriverModel.SUMO])
     for per_s, command in ((0.0, (0, 1)), (1.0, (0, 0))):
-        config = Config().updated("traffic", hard_braking_share=1.0, hard_brakes_per_s=per_s)
+        traffic = {"hard_braking_share": 1.0, "hard_brakes_per_s": per_s}
+        config = Config().with_traffic("calm").updated("traffic", **traffic)
         drivers = TrafficDrivers(config, ROAD, VEHICLE_TYPES)
         drivers.start(models, np.array([30.0, 30.0]), 0)
         (row,), (acceleration,), (side,) = drivers(shot)
@@ -78,9 +79,8 @@ def test_one_that_brakes_hard_keeps_its_lane() -> None:
 
 
 def test_in_sumo_a_vehicle_brakes_at_4_m_s2_for_three_seconds_and_nothing_collides() -> None:
-    config = Config().updated(
-        "traffic", hard_braking_share=1.0, hard_brakes_per_s=0.05, hard_brake_s=3
-    )
+    traffic = {"hard_braking_share": 1.0, "hard_brakes_per_s": 0.05, "hard_brake_s": 3}
+    config = Config().with_traffic("calm").updated("traffic", **traffic)
     with HighwayEnv(config=config, safety_check="strict") as env:
         env.reset(seed=3, options={"vehicles": 15})
         speeds = [env.scene.snapshot.speed_m_s]

@@ -66,7 +66,7 @@ def placed(tmp_path: Path, stack: ExitStack) -> Placed:
         folder = tmp_path / "scenario"
         write_scenario(folder, ScenarioDescription(vehicles=(ego, *vehicles)))
         still = {"finite_state_share": 1.0, "random_lane_changes_per_s": 0.0} | traffic
-        config = Config().updated("traffic", **still)
+        config = Config().with_traffic("calm").updated("traffic", **still)
         simulation = stack.enter_context(closing(Simulation(load_scenario(folder), config)))
         return simulation, simulation.reset(0, len(vehicles))
 
@@ -258,7 +258,7 @@ def test_level_2_drives_by_its_own_network() -> None:
 
 
 def test_traffic_of_sumo_alone_gets_no_commands() -> None:
-    env = HighwayEnv()
+    env = HighwayEnv(config=Config().with_traffic("calm"))
     env.reset(seed=0, options={"vehicles": 30})
     assert len(env.traffic_drivers(env.scene.snapshot).rows) == 0
     env.close()
