@@ -11,7 +11,7 @@ import gymnasium
 
 import drl_av  # registers the environments
 from drl_av.config import Config
-from drl_av.config.schema import setting
+from drl_av.config.section import setting
 from drl_av.drivers.registry import rule_driver
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.scenarios.folder import write_scenario

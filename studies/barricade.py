@@ -90,7 +90,7 @@ def train_and_evaluate(config: Config) -> list[Row]:
 
     An interrupted training starts again from its beginning.
     """
-    from drl_av.learning.training import build_training
+    from drl_av.learning.algorithm_1 import build_training
 
     with closing(HighwayEnv(config=config)) as env:
         training, rows = build_training(env), []

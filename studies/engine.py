@@ -11,8 +11,8 @@ from drl_av.drivers.registry import DriverSpec, find_drivers
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import RAY
-from drl_av.evaluation.comparison import EpisodeJob, drive_episodes
 from drl_av.evaluation.engines import ENGINES, require_shared
+from drl_av.evaluation.episodes import EpisodeJob, drive_episodes
 from drl_av.evaluation.figure_style import save_figure
 from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs, ResultTable, report_corrupt_table

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drl_av.config import Config, from_sections
 from drl_av.config.presets import preset
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import find_drivers
 from drl_av.env.metrics import EpisodeMetrics

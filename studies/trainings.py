@@ -144,7 +144,7 @@ def train_job(job: TrainingJob) -> None:
         RunError: the folder holds a training with other settings, or another process uses it.
     """
     job.require_same_settings()
-    from drl_av.learning.run import open_training, train, warm_start
+    from drl_av.learning.run_folder import open_training, train, warm_start
 
     prepare = partial(warm_start, policy_file=job.origin.policy) if job.origin else None
     opened = open_training(job.folder, job.config, resume=job.begun, prepare=prepare)

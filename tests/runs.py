@@ -27,7 +27,7 @@ HARNESS = """
 import os, signal, sys, threading
 from drl_av.cli import main
 from drl_av.env import HighwayEnv
-from drl_av.learning import run
+from drl_av.learning import run_folder
 
 def die(number):
     os.kill(os.getpid(), number)

@@ -24,8 +24,8 @@ from drl_av.config import from_toml, load_config
 from drl_av.drivers.policy_file import load, load_policy, save
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, ScenarioError, SimulationError
-from drl_av.learning.run import Run
-from drl_av.learning.training import build_training
+from drl_av.learning.algorithm_1 import build_training
+from drl_av.learning.run_folder import Run
 from drl_av.scenarios import road_types
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from verification.fuzz_driving import positions

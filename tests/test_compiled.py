@@ -13,7 +13,7 @@ from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.safety.paper import SafetyNumbers
 
-LANE = "from drl_av.road.road_numbers import lane_of; print(lane_of(4.0, 3.8))"
+LANE = "from drl_av.road.compiled_road import lane_of; print(lane_of(4.0, 3.8))"
 INNER = "from drl_av.compiled import compiled\n\n@compiled\ndef inner(x):\n    return x + {}\n"
 OUTER = """
 from drl_av.compiled import compiled

@@ -27,8 +27,7 @@ from drl_av.driving.affordances import (
 from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_numbers, reward_terms
-from drl_av.road.road import PartialLane, Road
-from drl_av.road.road_numbers import (
+from drl_av.road.compiled_road import (
     holds,
     is_beside,
     is_open_at,
@@ -38,6 +37,7 @@ from drl_av.road.road_numbers import (
     misses_exit,
     road_numbers,
 )
+from drl_av.road.road import PartialLane, Road
 from drl_av.road.snapshot import Collision, Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT, displacements, rectangles_of, swept_collision
 from drl_av.safety.paper import Paper, SafetyNumbers

@@ -89,7 +89,7 @@ def test_the_graph_sees_what_is_there() -> None:
     # were it empty, every fence would stand
     assert "drl_av.simulation.simulation" in graph()["drl_av.env.episode_start"]
     assert "drl_av.safety.paper" in graph()["drl_av.drivers.rule_based"]
-    assert "drl_av.learning.run" in graph()["drl_av.cli.learning"]  # inside a function
+    assert "drl_av.learning.run_folder" in graph()["drl_av.cli.learning"]  # inside a function
     assert "torch" in imported(modules()["drl_av.learning.learner"])
     assert len(modules()) > 35
 
@@ -183,8 +183,8 @@ def test_a_pure_folder_reaches_no_effect_through_whatever_it_imports(folder: str
 
 def test_what_a_module_reaches_is_followed_to_its_end() -> None:
     # env.highway -> traffic.simulation -> traffic.connection, which starts programs
-    assert "drl_av.simulation.sumo" in reached("drl_av.env.rollout")
-    assert "subprocess" in imported(modules()["drl_av.simulation.sumo"])
+    assert "drl_av.simulation.start_sumo" in reached("drl_av.env.rollout")
+    assert "subprocess" in imported(modules()["drl_av.simulation.start_sumo"])
 
 
 def test_no_cycle_between_folders() -> None:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from programs import python
 
-import drl_av.simulation.sumo
+import drl_av.simulation.start_sumo
 from drl_av.config import Config
 from drl_av.drivers.rule_based import IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.recording import Recorder, Recording
 from drl_av.scenarios.folder import ScenarioDescription, write_scenario
-from drl_av.simulation.sumo import start_arguments
+from drl_av.simulation.start_sumo import start_arguments
 
 CONFIG = Config().updated("simulation", decisions_per_episode=10)
 SEED, VEHICLES = 4, 30
@@ -140,7 +140,7 @@ def test_nothing_hangs_on_the_random_numbers_of_sumo(
     recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        drl_av.simulation.sumo,
+        drl_av.simulation.start_sumo,
         "start_arguments",
         lambda files, seed, config, own: start_arguments(files, seed + 12345, config, own),
     )

@@ -54,7 +54,7 @@ def test_an_older_module_that_is_imported_already_is_named(old: Path) -> None:
 
 def test_the_window_is_controlled_by_traci_whatever_the_variable_says() -> None:
     program = (
-        "from drl_av.simulation.sumo import connection\nimport os\n"
+        "from drl_av.simulation.start_sumo import connection\nimport os\n"
         "print(connection(gui=True).isLibsumo(), os.environ['LIBSUMO_AS_TRACI'])"
     )
     done = python("-c", program, LIBSUMO_AS_TRACI="1")

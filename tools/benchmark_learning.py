@@ -15,8 +15,8 @@ from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.transition import Observation
+from drl_av.learning.algorithm_1 import build_training, make_buffer
 from drl_av.learning.learner import Learner
-from drl_av.learning.training import build_training, make_buffer
 
 STEPS = 500
 """Number of gradient steps in a round."""

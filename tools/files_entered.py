@@ -15,7 +15,7 @@ from types import FrameType
 import drl_av.cli
 from drl_av.config.presets import preset
 from drl_av.env.highway import HighwayEnv
-from drl_av.learning.training import build_training
+from drl_av.learning.algorithm_1 import build_training
 
 PACKAGE = str(Path(drl_av.__file__).parent) + os.sep
 

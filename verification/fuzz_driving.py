@@ -26,7 +26,7 @@ from drl_av.scenarios.custom_vehicle_types import CAR_FOLLOWING_MODELS, CustomVe
 from drl_av.scenarios.folder import find_scenario, shipped_scenarios, write_scenario
 from drl_av.scenarios.road_description import BOUNDS, PlacedVehicle
 from drl_av.scenarios.road_types import ROAD_TYPES
-from drl_av.simulation.sumo import connection
+from drl_av.simulation.start_sumo import connection
 
 Attempt = Callable[[random.Random, Path], None]
 DECISIONS = 4

@@ -19,8 +19,8 @@ import numpy as np
 from drl_av.cli import main
 from drl_av.drivers.policy_file import load, save
 from drl_av.env.highway import HighwayEnv
-from drl_av.learning.run import Run
-from drl_av.learning.training import build_training
+from drl_av.learning.algorithm_1 import build_training
+from drl_av.learning.run_folder import Run
 from drl_av.scenarios.folder import find_scenario
 
 TINY = """

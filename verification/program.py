@@ -10,7 +10,7 @@ from typing import Any
 from drl_av.cli.options import driver_words, int_at_least
 from drl_av.cli.status import exit_status
 from drl_av.config.functions import is_factory
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.evaluation.provenance import made_by
 
 

@@ -66,7 +66,7 @@ Drivers = list[tuple[float, Driver]]
 
 def fast(seed: int) -> Drivers:
     """Train with the preset ``fast``; return the drivers of its checkpoints."""
-    from drl_av.learning.training import build_training
+    from drl_av.learning.algorithm_1 import build_training
 
     drivers: Drivers = []
     config = preset("fast").updated("learning", seed=seed)

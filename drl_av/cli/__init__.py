@@ -8,7 +8,7 @@ from typing import NamedTuple
 from drl_av import __version__
 from drl_av.cli import evaluate, export, figures, learning, options, replay, scenario
 from drl_av.cli.status import exit_status
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 
 
 class Verb(NamedTuple):

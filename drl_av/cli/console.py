@@ -21,7 +21,7 @@ from rich.progress import (
 from drl_av.errors import pluralize
 
 if TYPE_CHECKING:
-    from drl_av.learning.training import EpisodeRow, EvaluationRow
+    from drl_av.learning.algorithm_1 import EpisodeRow, EvaluationRow
 
 REPORT_EVERY_S = 60.0
 """Time between two lines of progress if the output is not a terminal."""

@@ -34,7 +34,7 @@ from drl_av.evaluation import (
 
 if TYPE_CHECKING:
     from drl_av.env.metrics import EpisodeResult
-    from drl_av.evaluation.comparison import Evaluation
+    from drl_av.evaluation.episodes import Evaluation
     from drl_av.evaluation.table import ResultTable
 
 SAVE_EVERY_S = 5.0
@@ -122,9 +122,9 @@ def evaluate(options: argparse.Namespace) -> int:
         title_of,
     )
     from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-    from drl_av.evaluation.comparison import Evaluation
     from drl_av.evaluation.criterion import judge
     from drl_av.evaluation.criticality import CriticalityMetrics, styles
+    from drl_av.evaluation.episodes import Evaluation
     from drl_av.evaluation.recording import RecordingFolder
     from drl_av.evaluation.statistics import (
         gains_over_fastest,
@@ -232,8 +232,8 @@ def _rows(
     """Yield the result of each episode: first those in the table, then the others, driven now."""
     from drl_av.cli.console import progress_bar
     from drl_av.env.metrics import EpisodeResult
-    from drl_av.evaluation.comparison import drive_episodes
     from drl_av.evaluation.criticality import CriticalityResult
+    from drl_av.evaluation.episodes import drive_episodes
     from drl_av.evaluation.table import report_corrupt_table, results_of
 
     jobs, held = evaluation.jobs, set[tuple[int, int, str]]()

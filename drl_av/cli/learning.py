@@ -21,8 +21,8 @@ from drl_av.errors import ConfigError, RunError, SimulationError, pluralize
 
 if TYPE_CHECKING:
     from drl_av.drivers.registry import DriverSpec
-    from drl_av.learning.run import Run
-    from drl_av.learning.training import Training
+    from drl_av.learning.algorithm_1 import Training
+    from drl_av.learning.run_folder import Run
 
 
 def add_train_options(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +75,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
-    from drl_av.learning.run import Run, open_training, require_tensorboard
+    from drl_av.learning.run_folder import Run, open_training, require_tensorboard
 
     if options.tensorboard:
         require_tensorboard()
@@ -137,7 +137,7 @@ def _seed_jobs(options: argparse.Namespace) -> list[SeedJob]:
     Raises:
         RunError: a folder is not new, or was begun with other settings.
     """
-    from drl_av.learning.run import Run
+    from drl_av.learning.run_folder import Run
 
     runs = {seed: Run(options.out / f"seed-{seed}") for seed in options.seeds}
     begun = {s: run.read_config() for s, run in runs.items() if run.config_file.is_file()}
@@ -169,7 +169,7 @@ def adapt(options: argparse.Namespace) -> int:
     """
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
-    from drl_av.learning.run import Run, open_training, require_tensorboard, warm_start
+    from drl_av.learning.run_folder import Run, open_training, require_tensorboard, warm_start
 
     if options.tensorboard:
         require_tensorboard()
@@ -269,7 +269,7 @@ def _run(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
     """Train with a progress bar; return True after the last episode, False after a stop."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
-    from drl_av.learning.run import tensorboard_writer, train
+    from drl_av.learning.run_folder import tensorboard_writer, train
 
     total, done = training.config.learning.episodes, training.episodes_done
     with (

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drl_av.cli.options import int_at_least
-from drl_av.config.schema import meanings
+from drl_av.config.section import meanings
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.road_description import RoadDescription
 from drl_av.scenarios.road_types import ROAD_TYPES, road_type_name, unknown_road_type

@@ -20,7 +20,7 @@ from drl_av.config.drivers import FiniteStateConfig, Level0Config, MobilConfig
 from drl_av.config.ego import DESIRED_VALUES, EgoConfig, ObservationConfig, RewardConfig
 from drl_av.config.learning import REPLAYS, LearningConfig, PpoConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.config.simulation import SimulationConfig
 from drl_av.config.traffic import SINGLE_PRESETS, TRAFFIC_PRESETS, TrafficConfig, traffic_preset
 from drl_av.errors import ConfigError

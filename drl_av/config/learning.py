@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drl_av.config.schema import Section, setting
+from drl_av.config.section import Section, setting
 from drl_av.errors import ConfigError
 
 ALGORITHMS = ("double-dqn", "ppo")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drl_av.config import SINGLE_PRESETS, Config, from_sections, load_config
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.errors import ConfigError
 
 LITERAL: dict[str, dict[str, Any]] = {

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from drl_av.config import Config
-from drl_av.config.schema import did_you_mean, meanings
+from drl_av.config.section import did_you_mean, meanings
 from drl_av.errors import ConfigError
 
 UNITS = {

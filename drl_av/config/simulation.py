@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from drl_av.config.schema import Section, setting
+from drl_av.config.section import Section, setting
 from drl_av.errors import ConfigError
 
 ONE_STRIP_M = 3.8

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from drl_av.config.schema import Section, did_you_mean, setting
+from drl_av.config.section import Section, did_you_mean, setting
 from drl_av.errors import ConfigError
 
 STANDSTILL_GAP_M = 2.5

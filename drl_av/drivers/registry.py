@@ -15,7 +15,7 @@ from typing import Any
 from drl_av.config import Config, TrafficConfig
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, as_config
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory

@@ -7,17 +7,7 @@ import numpy.typing as npt
 
 from drl_av.compiled import borrowing, inlined
 from drl_av.config import ObservationConfig
-from drl_av.road.road import (
-    LANE_CHANGE_S,
-    NO_CHANGE,
-    Barrier,
-    FloatArray,
-    MandatoryChange,
-    Road,
-    SpeedLimit,
-    allowed_speed,
-)
-from drl_av.road.road_numbers import (
+from drl_av.road.compiled_road import (
     RoadNumbers,
     allowed_speed_in,
     around,
@@ -28,6 +18,16 @@ from drl_av.road.road_numbers import (
     mandatory_change,
     may_cross,
     road_numbers,
+)
+from drl_av.road.road import (
+    LANE_CHANGE_S,
+    NO_CHANGE,
+    Barrier,
+    FloatArray,
+    MandatoryChange,
+    Road,
+    SpeedLimit,
+    allowed_speed,
 )
 from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 

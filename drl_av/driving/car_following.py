@@ -15,8 +15,8 @@ from drl_av.compiled import squared
 from drl_av.config import EgoConfig, MobilConfig
 from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, acceleration_of
 from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.road.compiled_road import allowed_speed_in
 from drl_av.road.road import FloatArray
-from drl_av.road.road_numbers import allowed_speed_in
 
 Number = TypeVar("Number", float, FloatArray)
 

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled
 from drl_av.driving.affordances import ROUTE_SCALE_M
-from drl_av.road.road import Road
-from drl_av.road.road_numbers import (
+from drl_av.road.compiled_road import (
     RoadNumbers,
     is_beside,
     is_open_at,
@@ -21,6 +20,7 @@ from drl_av.road.road_numbers import (
     mandatory_change,
     road_numbers,
 )
+from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 
 AHEAD, BEHIND = 4, 2

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from drl_av.config import ObservationConfig
 from drl_av.config.functions import require_function
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS, ROUTE_SCALE_M, SLOTS
 from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.observation_scale import ObservationScale

@@ -15,7 +15,7 @@ from drl_av.driving.observation_scale import ObservationScale
 from drl_av.env.reward import RewardNumbers, reward_numbers
 from drl_av.env.scene_values import compute_values
 from drl_av.errors import ConfigError
-from drl_av.road.road_numbers import RoadNumbers, holds, road_numbers
+from drl_av.road.compiled_road import RoadNumbers, holds, road_numbers
 from drl_av.road.sweep import HIT_EDGE, NO_CONTACT, swept_collision
 from drl_av.safety import named_check
 from drl_av.safety.paper import SafetyNumbers, paper_verdicts

@@ -24,9 +24,9 @@ from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError, printable
-from drl_av.evaluation.comparison import Evaluation
 from drl_av.evaluation.criterion import CriterionResult, judge
 from drl_av.evaluation.criticality import CriticalityMetrics
+from drl_av.evaluation.episodes import Evaluation
 from drl_av.evaluation.statistics import summarize
 from drl_av.evaluation.trajectories import import_pandas
 from drl_av.safety.check import SafetyCheck

@@ -11,7 +11,7 @@ from pathlib import Path
 from PIL import Image
 
 from drl_av.config import Config
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.drawing.page import PageDecision, PageEpisode
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
@@ -36,7 +36,7 @@ from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.scenarios.folder import find_scenario, load_scenario
-from drl_av.simulation.sumo import option_words
+from drl_av.simulation.start_sumo import option_words
 
 USUAL_VEHICLES = 15
 FCD_OPTIONS = (

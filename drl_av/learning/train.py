@@ -10,8 +10,8 @@ from drl_av.config.presets import as_config
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError
-from drl_av.learning.run import open_training, tensorboard_writer
-from drl_av.learning.run import train as train_run
+from drl_av.learning.run_folder import open_training, tensorboard_writer
+from drl_av.learning.run_folder import train as train_run
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
 

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.compiled import borrowing, compiled
+from drl_av.road.compiled_road import around
 from drl_av.road.road import FloatArray, Road
-from drl_av.road.road_numbers import around
 from drl_av.road.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
 
 IntArray = npt.NDArray[np.int64]

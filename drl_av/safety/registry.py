@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.config.functions import is_factory
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.random_streams import Stream, generator
 from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers

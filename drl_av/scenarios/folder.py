@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drl_av.config import Config
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.files import replacing

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 from drl_av.config import EgoConfig
-from drl_av.config.schema import setting
+from drl_av.config.section import setting
 from drl_av.errors import ScenarioError
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart

@@ -5,7 +5,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 from drl_av.config import TrafficConfig
-from drl_av.config.schema import setting
+from drl_av.config.section import setting
 from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import tomli_w
 
-from drl_av.config.schema import setting
+from drl_av.config.section import setting
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, check_custom_types

@@ -10,7 +10,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.highways import EXIT, MERGE, RAMP_TO_RAMP, STRAIGHT

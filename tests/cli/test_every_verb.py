@@ -11,7 +11,7 @@ import pytest
 from drl_av import cli
 from drl_av.cli import VERBS, main
 from drl_av.env.metrics import EpisodeMetrics
-from drl_av.learning.training import EpisodeRow, Training
+from drl_av.learning.algorithm_1 import EpisodeRow, Training
 
 DRIVE = ("--driver", "idm", "--vehicles", "2", "--config", "short.toml")
 SHORT = ("--config", "short.toml")

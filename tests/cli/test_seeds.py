@@ -54,8 +54,8 @@ def test_each_run_has_the_bytes_of_the_same_run_alone(
 
 def test_a_stopped_run_continues_to_the_same_bytes(settings: str) -> None:
     from drl_av.env.highway import HighwayEnv
-    from drl_av.learning.run import Run, train
-    from drl_av.learning.training import build_training
+    from drl_av.learning.algorithm_1 import build_training
+    from drl_av.learning.run_folder import Run, train
 
     config = TINY.updated("learning", episodes=4)
     whole, stopped = (SeedJob(Path(n), config, NOTHING_CUSTOM, False) for n in ("a", "b"))

@@ -10,7 +10,7 @@ from drl_av.cli import main
 from drl_av.config import Config, from_toml
 from drl_av.config.presets import PRESETS
 from drl_av.config.reference import SECTIONS, annotated_toml, settings
-from drl_av.config.schema import meanings
+from drl_av.config.section import meanings
 from drl_av.errors import ConfigError
 
 OF = {(setting.section, setting.key): setting for setting in settings(Config())}

@@ -9,8 +9,8 @@ from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, scene, scenes
 
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.driving.wide_observation import WIDE_NAMES, WIDE_SIZE, observe_wide, wide_observation
+from drl_av.road.compiled_road import road_numbers
 from drl_av.road.road import Road
-from drl_av.road.road_numbers import road_numbers
 
 FARTHEST = math.log(1 + 250 / 5)
 

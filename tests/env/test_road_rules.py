@@ -22,6 +22,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import desired
 from drl_av.env.rollout import rollout
 from drl_av.errors import ScenarioError
+from drl_av.road.compiled_road import allowed_speed_in, may_cross, road_numbers
 from drl_av.road.road import (
     LIMIT_BRAKING_M_S2,
     OPEN_LAP_M,
@@ -30,7 +31,6 @@ from drl_av.road.road import (
     SpeedLimit,
     allowed_speed,
 )
-from drl_av.road.road_numbers import allowed_speed_in, may_cross, road_numbers
 from drl_av.scenarios.folder import find_scenario, write_scenario
 from drl_av.scenarios.highways import ExitDescription
 from drl_av.scenarios.imported.description import ImportedDescription

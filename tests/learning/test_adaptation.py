@@ -273,8 +273,8 @@ def test_experience_of_another_replay_is_not_dropped_in_silence(
 
 
 def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> None:
-    from drl_av.learning.run import warm_start
-    from drl_av.learning.training import build_training
+    from drl_av.learning.algorithm_1 import build_training
+    from drl_av.learning.run_folder import warm_start
 
     folder = Path(shutil.copytree(trained, tmp_path / "copy"))
     shutil.copy(folder / "policy.safetensors", folder / "checkpoint.safetensors")

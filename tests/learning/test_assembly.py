@@ -17,8 +17,8 @@ from drl_av.driving.mirror import MIRROR, mirrored_observations
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError
-from drl_av.learning.run import Run, warm_start
-from drl_av.learning.training import Training, build_training
+from drl_av.learning.algorithm_1 import Training, build_training
+from drl_av.learning.run_folder import Run, warm_start
 
 TOGETHER = (
     Config()

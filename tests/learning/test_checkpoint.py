@@ -12,7 +12,7 @@ from drl_av.config.presets import preset
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import FORMAT, load, load_policy, save, save_policy
 from drl_av.errors import CheckpointError
-from drl_av.learning.training import restore_rng
+from drl_av.learning.algorithm_1 import restore_rng
 
 TENSORS = {"online": np.arange(6, dtype=np.float32).reshape(2, 3), "step": np.array(7)}
 METADATA = {"episode": 41, "name": "Straße", "nested": {"a": [1, 2.5, None]}}

@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drl_av.learning.training import ExploringDriver, linear_epsilon
+from drl_av.learning.algorithm_1 import ExploringDriver, linear_epsilon
 
 UNSEEN: Any = None  # the scene, which exploration does not read
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from drl_av.config import LearningConfig
 from drl_av.errors import CheckpointError, ConfigError
+from drl_av.learning.algorithm_1 import make_buffer
 from drl_av.learning.replay import Ring, TwoBuffers, UniformBuffer
-from drl_av.learning.training import make_buffer
 
 
 def observation(value: float) -> np.ndarray:

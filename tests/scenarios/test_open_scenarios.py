@@ -13,7 +13,7 @@ from runs import files_of, refused_scenario
 
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.config.schema import setting
+from drl_av.config.section import setting
 from drl_av.errors import ScenarioError
 from drl_av.road.road import PartialLane
 from drl_av.scenarios import road_types

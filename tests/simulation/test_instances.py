@@ -20,8 +20,8 @@ from programs import python
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import SimulationError
-from drl_av.simulation import sumo
-from drl_av.simulation.sumo import Instance, acquire
+from drl_av.simulation import start_sumo
+from drl_av.simulation.start_sumo import Instance, acquire
 
 CONFIG = Config().updated("simulation", decisions_per_episode=12)
 INSTALLED = Path(libsumo.__file__).parent
@@ -124,7 +124,7 @@ def test_an_environment_that_is_forgotten_leaves_its_copy(make: Make, no_copies_
     for _ in range(3):
         HighwayEnv(config=CONFIG).reset(seed=1)
         gc.collect()
-    assert len(sumo._instances) == 2
+    assert len(start_sumo._instances) == 2
 
 
 def test_every_copy_raises_the_errors_that_a_program_of_libsumo_expects(make: Make) -> None:
@@ -204,15 +204,15 @@ def test_a_forked_child_drives_on_and_so_does_its_parent(make: Make) -> None:
 KILLED = """
 import os, signal
 from drl_av.env.highway import HighwayEnv
-from drl_av.simulation import sumo
-def copy_and_be_killed(source, target, copy=sumo._copy):
+from drl_av.simulation import start_sumo
+def copy_and_be_killed(source, target, copy=start_sumo._copy):
     copy(source, target)
     os.kill(os.getpid(), signal.SIGKILL)
 envs = [HighwayEnv() for _ in range(3)]
 envs[0].reset(seed=1)
 envs[1].reset(seed=1)
 print("driving", flush=True)
-sumo._copy = copy_and_be_killed
+start_sumo._copy = copy_and_be_killed
 envs[2].reset(seed=1)
 """
 
@@ -262,7 +262,7 @@ import os, sys
 from contextlib import contextmanager
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import SimulationError
-from drl_av.simulation import sumo
+from drl_av.simulation import start_sumo
 @contextmanager
 def linked(file, folder, number):
     os.symlink(file, sys.argv[2])
@@ -270,7 +270,7 @@ def linked(file, folder, number):
 if sys.argv[1] == "RTLD_GLOBAL":
     sys.setdlopenflags(os.RTLD_NOW | os.RTLD_GLOBAL)
 else:
-    sumo._copied_file = linked
+    start_sumo._copied_file = linked
 first, second = HighwayEnv(), HighwayEnv()
 first.reset(seed=1)
 try:

@@ -54,7 +54,7 @@ def doomed(last: int) -> Callable[[TrainingJob], None]:
     """Work that is killed once, after that episode of seed 0, and keeps a log of its episodes."""
 
     def work(job: TrainingJob) -> None:  # goes to its process by value, with all it names
-        from drl_av.learning.run import Run, Training
+        from drl_av.learning.run_folder import Run, Training
 
         mark, log = job.folder.with_suffix(".killed"), job.folder.with_suffix(".log")
         append, run_episode = Run.append, Training.run_episode

@@ -7,7 +7,7 @@ import pytest
 from runs import TINY
 
 from drl_av.errors import DrlAvError, RunError
-from drl_av.learning.training import EpisodeRow, Training
+from drl_av.learning.algorithm_1 import EpisodeRow, Training
 from studies import trainings
 from studies.trainings import TrainingJob, TrainingRows, blocks_of, evaluations_of, train_job
 

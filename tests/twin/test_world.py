@@ -16,7 +16,7 @@ from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.replay import ReplaySession, replay_session
-from drl_av.learning.training import Training, build_training
+from drl_av.learning.algorithm_1 import Training, build_training
 
 TWIN = Config().updated("simulation", world="twin")
 SHORT = {"decisions_per_episode": 40}

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 from drl_av.config import TrafficConfig
-from drl_av.config.schema import setting
+from drl_av.config.section import setting
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit

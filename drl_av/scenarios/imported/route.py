@@ -6,7 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drl_av.config.schema import did_you_mean
+from drl_av.config.section import did_you_mean
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.imported.curves import Line
 from drl_av.scenarios.imported.net_file import (

@@ -26,8 +26,8 @@ from drl_av.env import highway
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, RunError
-from drl_av.evaluation import comparison as module
-from drl_av.evaluation.comparison import EpisodeJob, Evaluation, drive_episodes
+from drl_av.evaluation import episodes as module
+from drl_av.evaluation.episodes import EpisodeJob, Evaluation, drive_episodes
 from drl_av.evaluation.statistics import (
     Mean,
     mean_with_interval,
@@ -128,15 +128,15 @@ from drl_av import cli
 from drl_av.drivers import policy_file, registry
 from drl_av.env import highway
 from drl_av.simulation.simulation import Simulation
-from drl_av.evaluation import comparison
-cli.evaluate.SAVE_EVERY_S, drive, driven = 0.0, comparison.drive, iter(range(9))
+from drl_av.evaluation import episodes
+cli.evaluate.SAVE_EVERY_S, drive, driven = 0.0, episodes.drive, iter(range(9))
 
 def aborting(*arguments):
     if next(driven) == 3:
         os.abort()
     return drive(*arguments)
 
-comparison.drive = aborting
+episodes.drive = aborting
 sys.exit(cli.main(sys.argv[1:]))
 """
 

@@ -21,16 +21,16 @@ from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.transition import Transition
-from drl_av.learning import training as module
-from drl_av.learning.learner import Learner, Update
-from drl_av.learning.replay import Batch, Buffer
-from drl_av.learning.run import Run, train
-from drl_av.learning.training import (
+from drl_av.learning import algorithm_1 as module
+from drl_av.learning.algorithm_1 import (
     EVALUATION_SEEDS,
     Training,
     build_training,
     make_buffer,
 )
+from drl_av.learning.learner import Learner, Update
+from drl_av.learning.replay import Batch, Buffer
+from drl_av.learning.run_folder import Run, train
 from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety.check import Rule
 

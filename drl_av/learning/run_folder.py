@@ -16,7 +16,7 @@ from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.files import replacing, table_bytes
-from drl_av.learning.training import (
+from drl_av.learning.algorithm_1 import (
     EpisodeRow,
     EvaluationRow,
     Training,

@@ -16,9 +16,9 @@ from drl_av.config import load_config
 from drl_av.drivers.policy_file import load, load_policy, save
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import RunError
-from drl_av.learning import run as module
-from drl_av.learning.run import Run
-from drl_av.learning.training import build_training
+from drl_av.learning import run_folder as module
+from drl_av.learning.algorithm_1 import build_training
+from drl_av.learning.run_folder import Run
 from drl_av.scenarios.folder import write_scenario
 
 EPISODES = 9
