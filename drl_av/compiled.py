@@ -73,13 +73,11 @@ class Compiled(Generic[P, R]):
         return first
 
 
-@cache
 def compiled(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function, which numba compiles at its first call."""
     return Compiled(function)
 
 
-@cache
 def borrowing(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function as ``compiled`` does, without counting references to arrays.
 
@@ -89,7 +87,6 @@ def borrowing(function: Callable[P, R]) -> Compiled[P, R]:
     return Compiled(function, counts=False)
 
 
-@cache
 def inlined(function: Callable[P, R]) -> Compiled[P, R]:
     """Return the function as ``borrowing`` does, for a copy of its code in each compiled caller.
 
@@ -171,7 +168,7 @@ def _sources(function: Compiled[..., Any], known: set[int]) -> list[tuple[str, A
     known.add(id(function))
     code, names = function.python.__code__, function.python.__globals__
     found: list[tuple[str, Any]] = [
-        (code.co_name, (code.co_code, code.co_consts, function.options)),
+        (code.co_name, (code.co_code, code.co_consts, function.options))
     ]
     for name in code.co_names:
         value = names.get(name)

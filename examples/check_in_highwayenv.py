@@ -171,6 +171,7 @@ if __name__ == "__main__":
             axes.text(share + 1, row, f"{speed:.1f} m/s", va="center")
     axes.set_yticks(range(len(cells)), [", ".join(named) for named in cells])
     axes.set(xlabel="episodes of highway-v0 with a crash of the ego, %", xlim=(0, 125))
+    axes.set_xticks(range(0, 101, 20))
     axes.invert_yaxis()
     if sys.argv[2:]:
         figure.savefig(sys.argv[2], dpi=150)

@@ -189,7 +189,7 @@ def test_the_indicators_of_any_vehicle_in_the_place_of_the_ego() -> None:
         row, range_m = int(rng.integers(len(world.snapshot.ids))), config.observation.range_m
         values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
         numbered = road_numbers(road)
-        indicators(*world.snapshot.arrays, numbered, range_m, values, codes, row)
+        indicators(world.snapshot.arrays, numbered, range_m, values, codes, row)
         expected = compute_affordances(seen_from(world.snapshot, row), road, range_m).vector()
         assert values[:27].tobytes() == expected.tobytes()
 
@@ -207,7 +207,7 @@ def test_the_order_along_the_road_finds_the_same_vehicles_as_a_look_at_all() -> 
         longest_m, *lanes = sort_along(*sizes, road.lane_width_m, order, places)
         along = Along(order, places, longest_m, tuple(lanes))
         wanted, all_codes = np.empty(VALUES), np.empty(CODES, np.int64)
-        indicators(*state, numbered, range_m, wanted, all_codes, row)
+        indicators(state, numbered, range_m, wanted, all_codes, row)
         for looks_aside in (True, False):
             values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
             around = road_m, along, range_m, row, looks_aside, values, codes

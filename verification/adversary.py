@@ -88,17 +88,9 @@ class World:
     def scene(self, row: int) -> Scene:
         """Return the present state of the scene with index ``row``, as a safety check takes it."""
         names = tuple(f"vehicle{other}" for other in range(1, self.x_m.shape[1]))
-        size = np.ones(self.x_m.shape[1])
-        shot = Snapshot(
-            0.0,
-            ("ego", *names),
-            self.x_m[row] % self.road.lap_m,
-            self.y_m[row],
-            self.speed_m_s[row],
-            self.lateral_m_s[row],
-            LENGTH_M * size,
-            WIDTH_M * size,
-        )
+        s_m, size = self.x_m[row] % self.road.lap_m, np.ones(self.x_m.shape[1])
+        state = s_m, self.y_m[row], self.speed_m_s[row], self.lateral_m_s[row]
+        shot = Snapshot(0.0, ("ego", *names), *state, LENGTH_M * size, WIDTH_M * size)
         origin, target = int(self.origin[row]), int(self.target[row])
         heading_rad = float(self.heading_rad[row])
         change = None if target == NONE else LaneChange(origin, target, heading_rad)
@@ -149,7 +141,7 @@ class Mover:
         plans = np.empty((len(executed), 3, steps))
         lanes, heading_rad = np.empty((len(executed), 2), np.int64), world.heading_rad.copy()
         given = world.numbers(), self._ego, np.asarray(executed, np.int64)
-        plan_all(*given[0], *given[1:], plans, lanes, heading_rad)
+        plan_all(*given, plans, lanes, heading_rad)
         for step in range(steps):
             self._step(world, rates[executed % 4], orders, _going(world), plans[:, :, step])
             yield world.speed_m_s, world.y_m
@@ -195,8 +187,8 @@ class Mover:
         touches = (least_m < -TOUCHING_M).any(axis=1)
         for row in np.flatnonzero(going & touches & ~leaves).tolist():
             ways = from_x_m[row], from_y_m[row], world.x_m[row], world.y_m[row]
-            bodies = (np.full(len(ways[0]), size_m) for size_m in sizes_m)
-            other, kind, _ = swept_collision(*ways, *bodies, ROAD.lap_m)
+            length_m, width_m = (np.full(len(ways[0]), size_m) for size_m in sizes_m)
+            other, kind, _ = swept_collision(*ways, length_m, width_m, ROAD.lap_m)
             world.collisions[row] = Collision(KINDS[kind], f"vehicle{other}")
 
     def _permitted_side(
@@ -317,8 +309,7 @@ def _bound_for(y_m: FloatArray, side: FloatArray) -> FloatArray:
     """Return the lane whose centre a vehicle reaches next on its side; for side 0 the nearest."""
     place = y_m / ROAD.lane_width_m
     right, left = np.ceil(place - 1e-6) - 1, np.floor(place + 1e-6) + 1
-    result: FloatArray = np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
-    return result
+    return np.where(side > 0, left, np.where(side < 0, right, np.round(place)))
 
 
 def _going(world: World) -> BoolArray:
@@ -348,7 +339,8 @@ class BatchStrict:
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
         """Return the executed action for each proposed action; both are 0 to 11, (scenes,)."""
         executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
-        judge(*self._arguments(world), np.asarray(proposal, np.int64), executed, free)
+        given = self._strict, self._ego, np.asarray(proposal, np.int64)
+        judge(world.numbers(), *given, executed, free)
         return executed
 
     def free(self, world: World) -> BoolArray:
@@ -357,8 +349,6 @@ class BatchStrict:
         The invariant is that the fallback maneuver is free of collisions.
         """
         executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
-        judge(*self._arguments(world), np.zeros(len(free), np.int64), executed, free)
+        given = self._strict, self._ego, np.zeros(len(free), np.int64)
+        judge(world.numbers(), *given, executed, free)
         return free
-
-    def _arguments(self, world: World) -> tuple[Any, ...]:
-        return *world.numbers(), self._strict, self._ego

@@ -1,7 +1,6 @@
 """Drive random approaches in SUMO and in the simulator, and compare their collisions.
 
-    python -m verification.approaches         # 10,000 for each step length, plant and road
-    python -m verification.approaches --scenes 100 --step-length 0.1 --plant steering
+    python -m verification.approaches     # 10,000 for each step length, plant and road
 
 In an approach, the ego meets one other vehicle. Both move at random, and no safety check is used.
 Each plant, road and step length has its own approaches. The exit status is 1 if SUMO and the
@@ -67,9 +66,7 @@ def start(rng: np.random.Generator) -> World:
     least_m = LENGTH_M + 0.01 if lane == other else 0.0
     ahead_m = rng.choice([-1, 1]) * rng.uniform(least_m, NEAR_M)
     speeds = rng.uniform(0, 30, 1), rng.uniform(0, 40, (1, 1))
-    return placed(
-        np.array([lane]), speeds[0], np.array([[ahead_m]]), np.array([[other]]), speeds[1]
-    )
+    return placed(np.array([lane]), speeds[0], np.array([[ahead_m]]), [[other]], speeds[1])
 
 
 def orders(rng: np.random.Generator) -> Iterator[Orders]:
@@ -106,16 +103,9 @@ def compare(case: Case, scenes: int, seed: int) -> dict[str, Any]:
 def main() -> int:
     parser = Program(__doc__)
     parser.number("--scenes", 10_000, "for each step length, plant and road")
-    parser.add_argument("--step-length", type=float, nargs="+", default=STEPS_S, metavar="S")
-    parser.some("--plant", LATERAL_PLANTS)
-    parser.some("--road", ROADS)
-    parser.number("--seed", 0, low=0)
-    arguments = parser.parse_args()
-    settings = product(arguments.plant, arguments.road, arguments.step_length)
-    rows = [
-        compare(Case(*setting), arguments.scenes, arguments.seed + row)
-        for row, setting in enumerate(settings)
-    ]
+    scenes = parser.parse_args().scenes
+    cases = enumerate(product(LATERAL_PLANTS, ROADS, STEPS_S))
+    rows = [compare(Case(*case), scenes, seed) for seed, case in cases]
     show(rows)
     print(parser.made_by())
     return 1 if any(row["unlike_the_simulator"] for row in rows) else 0

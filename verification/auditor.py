@@ -5,6 +5,7 @@ two vehicles are side by side only in the middle of a step, for example while on
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,15 +46,16 @@ class Breach(NamedTuple):
     """One of the circumstances above, such as ``SOONER``, or empty."""
 
 
+def selected(shot: Snapshot, rows: Sequence[int]) -> Snapshot:
+    """Return a snapshot with those vehicles only that have the indices ``rows``."""
+    columns = {name: getattr(shot, name)[rows] for name in ARRAYS}
+    return shot._replace(ids=tuple(shot.ids[row] for row in rows), **columns)
+
+
 def in_both(*shots: Snapshot) -> list[Snapshot]:
     """Return two snapshots with those vehicles only that are in both, in the same order."""
     common = [name for name in shots[0].ids if name in set(shots[1].ids)]
-    found = []
-    for shot in shots:
-        rows = [shot.ids.index(name) for name in common]
-        columns = {name: getattr(shot, name)[rows] for name in ARRAYS}
-        found.append(shot._replace(ids=tuple(common), **columns))
-    return found
+    return [selected(shot, [shot.ids.index(name) for name in common]) for shot in shots]
 
 
 class Auditor:
@@ -109,8 +111,8 @@ class Auditor:
 
     def _ahead_m(self, shot: Snapshot) -> FloatArray:
         """Return each vehicle's distance ahead of the ego, m, in [0, lap), shape (1 + others,)."""
-        ahead_m: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.lap_m
-        return ahead_m
+        result: FloatArray = (shot.s_m - shot.s_m[EGO]) % self._road.lap_m
+        return result
 
     def _watch_sides(self, before: Snapshot, after: Snapshot) -> None:
         """Record each vehicle that breaks bound 3 as it begins to move into a lane of the ego.

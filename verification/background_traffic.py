@@ -16,10 +16,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import product
 
-from drl_av.cli.options import int_at_least
 from drl_av.config import TRAFFIC_PRESETS, Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.registry import driver_names, driving_config, find_drivers, make_drivers
+from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
 from drl_av.road.road import CENTERED_M
@@ -29,17 +28,8 @@ from drl_av.simulation.population import DriverModel
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 
-MIXES = (
-    "0,0,0,0",
-    "1,0,0,0",
-    "0,1,0,0",
-    "0,0.5,0,0",
-    "0,0,1,0",
-    "0.3,0.3,0.4,0",
-    "0.4,0.3,0.3,0",
-    "0,0,0,1",
-    "0.25,0.25,0.25,0",
-)
+SHARES = ("finite_state_share", "level_0_share", "level_1_share", "level_2_share")
+"""The settings of a mix of drivers, in its order."""
 SEEDS = 810_000
 
 
@@ -77,14 +67,11 @@ class SweptTally(TrafficTally):
     def _meeting(self, pair: tuple[str, str], shot: Snapshot) -> str:
         """Return the kind of an overlap: the two drivers, and if both are centred in a lane."""
         rows, road = [shot.ids.index(name) for name in pair], self._env.road
-        drivers = " and ".join(
-            sorted(
-                DriverModel(self._env.simulation.fleet.driver_models[row]).name.lower()
-                for row in rows
-            )
-        )
+        models = self._env.simulation.fleet.driver_models
+        drivers = sorted(DriverModel(models[row]).name.lower() for row in rows)
         off_m = [abs(y_m - road.center_m(road.lane_of(y_m))) for y_m in shot.y_m[rows]]
-        return f"{drivers}, {'between lanes' if max(off_m) > CENTERED_M else 'in one lane'}"
+        where = "between lanes" if max(off_m) > CENTERED_M else "in one lane"
+        return f"{' and '.join(drivers)}, {where}"
 
     def lines(self) -> Iterator[str]:
         """Yield a line for each kind of overlap: how often it occurs, and its first episode."""
@@ -117,45 +104,23 @@ def with_mix(mix: str) -> Config:
     if mix in TRAFFIC_PRESETS:
         return Config().with_traffic(mix)
     try:
-        finite_state, level_0, level_1, level_2 = map(float, mix.split(","))
+        shares = dict(zip(SHARES, map(float, mix.split(",")), strict=True))
     except ValueError:
         raise ConfigError(
             f"The mix is {mix!r}, but must be one of {', '.join(TRAFFIC_PRESETS)}, or four shares "
             "as in 0.2,0.3,0.3,0.2: finite-state, level 0, level 1 and level 2."
         ) from None
-    return Config().updated(
-        "traffic",
-        finite_state_share=finite_state,
-        level_0_share=level_0,
-        level_1_share=level_1,
-        level_2_share=level_2,
-    )
+    return Config().updated("traffic", **shares)
 
 
 def main() -> None:
     """Drive each mix and print its results."""
     parser = Program(__doc__)
     parser.number("--episodes", 500, "for each mix and driver")
-    parser.add_argument(
-        "--vehicles",
-        type=int_at_least(1),
-        nargs="+",
-        default=range(1, 31),
-        metavar="N",
-        help="beside the ego, in turn (default: 1 to 30)",
-    )
-    kinds = ", ".join(TRAFFIC_PRESETS)
-    parser.add_argument(
-        "--mix", nargs="+", default=MIXES, metavar="MIX", help=f"shares FSM,L0,L1,L2, or: {kinds}"
-    )
-    parser.add_argument(
-        "--ego",
-        nargs="+",
-        choices=driver_names(),
-        default=["sumo"],
-        metavar="DRIVER",
-        help="the ego's driver (default: sumo, like the vehicles around it)",
-    )
+    parser.numbers("--vehicles", range(1, 31), "beside the ego, in turn")
+    kinds = [*TRAFFIC_PRESETS]
+    parser.add_argument("--mix", nargs="+", default=kinds, help="default: each kind of traffic")
+    parser.drivers("sumo", name="--ego")
     options = parser.parse_args()
     for ego, mix in product(options.ego, options.mix):
         tally = check(with_mix(mix), ego, options.episodes, options.vehicles)

@@ -17,6 +17,7 @@ an upper bound either: it compares only these plans, and only up to the horizon.
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from copy import deepcopy
 from functools import partial
 from typing import NamedTuple
 
@@ -24,8 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 
-from drl_av.cli.options import int_at_least
-from drl_av.config import TRAFFIC_PRESETS, Config
+from drl_av.config import Config
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.driving.actions import BRAKE, KEEP, LEFT, RIGHT
 from drl_av.driving.affordances import LANE, IntArray, has_lane
@@ -35,7 +35,6 @@ from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.evaluation.engines import workers
 from drl_av.evaluation.statistics import Speed, paired
-from drl_av.safety import CHECKS
 from verification.program import Program, run_program
 
 HORIZON = 20
@@ -65,21 +64,13 @@ class Plan(NamedTuple):
     """Number of decisions for which the ego keeps its lane after the lane changes."""
 
 
+CHANGES = (0, False, 0), (0, False, HORIZON), (0, True, 5), (4, False, 5), (4, True, 5)
+"""The plans with one lane change: ``wait``, ``yields`` and ``hold``."""
 PLANS = (
     Plan(),
     *(Plan(wait=wait) for wait in (5, 10, HORIZON)),
     *(Plan(wait=brake, brake=brake) for brake in (2, 4)),
-    *(
-        Plan(wait, 0, (side,), yields, hold)
-        for side in (1, -1)
-        for wait, yields, hold in (
-            (0, False, 0),
-            (0, False, HORIZON),
-            (0, True, 5),
-            (4, False, 5),
-            (4, True, 5),
-        )
-    ),
+    *(Plan(wait, 0, (side,), yields, hold) for side in (1, -1) for wait, yields, hold in CHANGES),
     *(Plan(0, 0, (side, side), hold=5) for side in (1, -1)),
 )
 """The plans; with the first plan the base decides everything."""
@@ -94,12 +85,6 @@ class Execution:
     def __init__(self, plan: Plan, lane: int) -> None:
         self._plan, self._made, self._held = plan, 0, 0
         self._lanes = np.cumsum((lane, *plan.sides)).tolist()[1:]
-
-    def copy(self) -> "Execution":
-        """Return an execution that has made as many of its decisions."""
-        made = Execution(self._plan, 0)
-        made._made, made._held, made._lanes = self._made, self._held, [*self._lanes]
-        return made
 
     def act(self, codes: IntArray, is_changing: bool, usual: int) -> int:
         """Return the number of the action of this decision.
@@ -129,8 +114,6 @@ class Search:
 
     def __init__(self, env: TwinVectorEnv, base: Policy, plans: Sequence[Plan] = PLANS) -> None:
         self._env, self._base, self._plans = env, base, plans
-        self.found_m: float = 0.0
-        """Distance that the ego drives in the trial of the plan chosen last, m."""
 
     def drive(self, seed: int, vehicles: int) -> float:
         """Drive an episode; return the mean of the ego's speeds after each decision, m/s."""
@@ -151,12 +134,9 @@ class Search:
     def choose(self, present: Execution) -> Execution:
         """Return the best plan's execution; ``present`` if no plan is better."""
         candidates = [present, *map(self.begun, self._plans)]
-        ways_m = self._ways_m([each.copy() for each in candidates])
-        best = int(np.argmax(ways_m))
-        self.found_m = float(ways_m[best])
-        return candidates[best]
+        return candidates[int(np.argmax(self.ways_m(deepcopy(candidates))))]
 
-    def _ways_m(self, tried: Sequence[Execution]) -> npt.NDArray[np.float64]:
+    def ways_m(self, tried: Sequence[Execution]) -> npt.NDArray[np.float64]:
         """Try plans; return the distance that the ego drives with each, m; -inf for a collision."""
         copies = self._env.fork(len(tried), include_rng=True)
         ways_m, place_m = np.zeros(len(tried)), copies.episodes.scene[:, 0, 0].copy()
@@ -214,31 +194,16 @@ def episode(
 def main() -> int:
     """Drive the episodes; print mean speeds and gains with 95 % intervals; return 0."""
     parser = Program(__doc__)
-    parser.add_argument(
-        "--vehicles",
-        nargs="+",
-        type=int_at_least(1),
-        default=[10, 15, 20, 25],
-        metavar="N",
-        help="numbers of vehicles around the ego (default: 10 15 20 25)",
-    )
+    parser.numbers("--vehicles", (10, 15, 20, 25), "around the ego")
     parser.number("--episodes", 100, "of each", low=2)
     parser.add_argument("--base", default="pretrained", help="default: pretrained")
-    parser.add_argument(
-        "--driver",
-        nargs="+",
-        default=[*DRIVERS],
-        help=f"beside the search (default: {' '.join(DRIVERS)})",
-    )
-    parser.add_argument("--traffic", choices=TRAFFIC_PRESETS, default="calm", help="default: calm")
-    parser.add_argument("--safety-check", choices=CHECKS, default="strict", help="default: strict")
-    parser.number("--seed", SEEDS, low=0)
+    parser.drivers(*DRIVERS)
     parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
-    config = Config().with_traffic(options.traffic).updated("simulation", world="twin")
-    config = config.updated("safety", check=options.safety_check)
+    config = Config().with_traffic("calm").updated("simulation", world="twin")
+    config = config.updated("safety", check="strict")
     names = [spec.name for spec in find_drivers(options.driver)]
-    seeds = range(options.seed, options.seed + options.episodes)
+    seeds = range(SEEDS, SEEDS + options.episodes)
     speeds: list[Speed] = []
     with workers(options.jobs) as submit:
         futures = [
@@ -252,10 +217,8 @@ def main() -> int:
     print(f"{'vehicles':>8}  {'driver':<16}{'speed, m/s':>11}  gain of the search, m/s")
     for gain in paired(speeds, SEARCH, names):
         own = [one.mean_speed_m_s for one in speeds if one[:2] == (gain.baseline, gain.vehicles)]
-        mean, half = gain.difference_m_s
-        print(
-            f"{gain.vehicles:>8}  {gain.baseline:<16}{np.mean(own):>11.2f}  {mean:.2f} ± {half:.2f}"
-        )
+        speed = np.mean(own)
+        print(f"{gain.vehicles:>8}  {gain.baseline:<16}{speed:>11.2f}  {gain.difference_m_s}")
     print(parser.made_by())
     return 0
 

@@ -22,6 +22,7 @@ from drl_av.driving.actions import ACTIONS, SIGNS, Action, Lateral, Longitudinal
 from verification.adversary import (
     NONE,
     ROAD,
+    BatchCheck,
     BatchStrict,
     BoolArray,
     IntArray,
@@ -30,7 +31,7 @@ from verification.adversary import (
     World,
 )
 from verification.falsification import genes, orders, play
-from verification.falsify import show
+from verification.falsify import share, show
 from verification.families import FAMILIES, PLACED, Family
 from verification.program import Program, run_program
 
@@ -134,17 +135,16 @@ Response = Callable[[World, IntArray], IntArray]
 have shape (scenes,)."""
 
 
-class Forced:
-    """Executes the first proposed actions unchanged; afterwards ``response`` decides."""
+def forced(response: Response) -> BatchCheck:
+    """Return a check that permits the first proposed actions; afterwards ``response`` decides."""
+    made: list[IntArray] = []
 
-    def __init__(self, response: Response) -> None:
-        self._response, self._begun = response, False
+    def check(world: World, proposal: IntArray) -> IntArray:
+        made.append(proposal)
+        brakes = np.full(len(proposal), HARD_BRAKE)
+        return proposal if len(made) == 1 else response(world, brakes)
 
-    def __call__(self, world: World, proposal: IntArray) -> IntArray:
-        if self._begun:
-            return self._response(world, np.full(len(proposal), HARD_BRAKE))
-        self._begun = True
-        return proposal
+    return check
 
 
 def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
@@ -153,15 +153,12 @@ def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
     The action counts as safe if at least one of these responses avoids all collisions.
     """
     check = BatchStrict(config)
-
-    def goes_on(world: World, brakes: IntArray) -> IntArray:
-        return brakes
-
-    def goes_on_as_fast(world: World, brakes: IntArray) -> IntArray:
-        result: IntArray = check(world, np.full_like(brakes, ACCELERATE)) % 4
-        return result
-
-    return (goes_on, goes_on_as_fast) if is_maneuver else (check, goes_on)
+    if not is_maneuver:
+        return check, lambda world, brakes: brakes
+    return (
+        lambda world, brakes: brakes,
+        lambda world, brakes: check(world, np.full_like(brakes, ACCELERATE)) % 4,
+    )
 
 
 def safe(pairs: Refusals, config: Config, adversaries: int, seed: int) -> BoolArray:
@@ -178,15 +175,10 @@ def safe(pairs: Refusals, config: Config, adversaries: int, seed: int) -> BoolAr
                 some, rng = pairs.at(left), np.random.default_rng([seed, number])
                 shape = some.world.x_m[:, 1:].shape
                 told = adversary(number, shape, some.proposal, rng)
-                _, ended = play(some.world, told, Forced(response), Mover(config))
+                _, ended = play(some.world, told, forced(response), Mover(config))
                 left = left[ended == 0]
             result[left] = True
     return result
-
-
-def share(of: BoolArray) -> float | None:
-    """Return the share of True values; None if the array is empty."""
-    return float(of.mean()) if len(of) else None
 
 
 def measured(name: str, config: Config, scenes: int, adversaries: int, seed: int) -> dict[str, Any]:

@@ -17,7 +17,7 @@ second, and their steering and gaps are not those of ``naturalistic.py``.
 
 import argparse
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -81,14 +81,14 @@ def report(check: str, outcome: Outcome) -> str:
 
 def add_careless(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--careless``: shares of careless lane changes, each from 0 to 1."""
-    parser.add_argument(
-        "--careless",
-        nargs="+",
-        type=_share,
-        default=(CARELESS_SHARE, 0.5),
-        metavar="SHARE",
-        help="shares of the lane changes that are careless (default: 0.01 0.5)",
-    )
+    text = "shares of the lane changes that are careless (default: 0.01 0.5)"
+    given: dict[str, Any] = {
+        "nargs": "+",
+        "type": _share,
+        "default": (CARELESS_SHARE, 0.5),
+        "metavar": "SHARE",
+    }
+    parser.add_argument("--careless", help=text, **given)
 
 
 def _share(text: str) -> float:
@@ -102,13 +102,12 @@ def main() -> int:
     """Simulate the tests of each check and print its report; return 0."""
     parser = Program(__doc__)
     parser.number("--tests", 40_000, "for each check and share")
-    parser.drivers()
+    parser.drivers("pretrained")
     parser.checks(CHECKS, nargs="+", default=list(CHECKS))
     add_careless(parser)
     parser.number("--seed", 0, low=0)
-    parser.add_argument(
-        "--people", action="store_true", help="no adversary: every weight is 1 (plain sampling)"
-    )
+    text = "no adversary: every weight is 1 (plain sampling)"
+    parser.add_argument("--people", action="store_true", help=text)
     parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
     frequencies = PEOPLE if options.people else ADVERSARY
@@ -116,8 +115,7 @@ def main() -> int:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")
         for driver, check in product(options.driver, options.safety_check):
             how = (frequencies, options.seed, careless)
-            named = {"driver": driver, "jobs": options.jobs}
-            found = run(settings(check), options.tests, *how, **named)
+            found = run(settings(check), options.tests, *how, driver=driver, jobs=options.jobs)
             print(f"driver {driver}\n{report(check, found)}", flush=True)
     print(parser.made_by())
     return 0

@@ -100,35 +100,22 @@ def run(
         jobs: Number of processes; the results do not depend on it.
         driver: The driver, as ``drivers`` takes it.
     """
-    sizes = {first: min(BATCH, tests - first) for first in range(0, tests, BATCH)}
-    calls = [
-        (config, size, frequencies, (seed, first), careless, people, driver)
-        for first, size in sizes.items()
-    ]
+
+    def batch(first: int) -> Outcome:
+        rng, size = np.random.default_rng((seed, first)), min(BATCH, tests - first)
+        world = starts(size, config, rng)
+        traffic, made = people(world, frequencies, rng, careless), drivers(driver, config, size)
+        for number, each in enumerate(made, start=first):
+            each.start(number)
+        return drive(config, world, traffic, check_of(config), made)
+
+    firsts = range(0, tests, BATCH)
     if jobs == 1:
-        parts = [_batch(*call) for call in calls]
+        parts = [*map(batch, firsts)]
     else:
         with workers(jobs) as submit:
-            futures = [submit(_batch, *call) for call in calls]
-            parts = [future.result() for future in futures]
+            parts = [future.result() for future in [submit(batch, first) for first in firsts]]
     return Outcome(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-
-def _batch(
-    config: Config,
-    tests: int,
-    frequencies: Frequencies,
-    seed: tuple[int, int],
-    careless: float,
-    people: type[Traffic],
-    driver: str,
-) -> Outcome:
-    rng = np.random.default_rng(seed)
-    world = starts(tests, config, rng)
-    traffic, made = people(world, frequencies, rng, careless), drivers(driver, config, tests)
-    for number, each in enumerate(made, start=seed[1]):
-        each.start(number)
-    return drive(config, world, traffic, check_of(config), made)
 
 
 def drive(

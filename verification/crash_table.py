@@ -15,19 +15,13 @@ ENTRY = re.compile(
 
 def table(printed: str) -> str:
     """Return the output of this program as a Markdown table; the intervals are 95 % intervals."""
-    names = [
-        "careless",
-        "check",
-        "crashes per test",
-        "crashes per km",
-        "the ego's own hits per test",
-    ]
+    names = ["careless", "check", "crashes per test", "crashes per km"]
+    names += ["the ego's own hits per test", "km between those, more than"]
     lines = []
     for part in re.split(r"^(?=[\d.]+ % of the lane changes)", printed, flags=re.MULTILINE)[1:]:
         for check, km, crashes, own, between in ENTRY.findall(part):
-            numbers = [
-                float(number) / float(km) for number in re.findall(r"[\d.]+e[-+]\d+", crashes)
-            ]
+            numbers = re.findall(r"[\d.]+e[-+]\d+", crashes)
+            per_km = Rate(*(float(number) / float(km) for number in numbers))
             share = f"{part.split(' ', 1)[0]} %"
-            lines.append([share, check, crashes, str(Rate(*numbers)), own, between])
-    return markdown_table([*names, "km between those, more than"], lines)
+            lines.append([share, check, crashes, str(per_km), own, between])
+    return markdown_table(names, lines)

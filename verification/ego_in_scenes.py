@@ -1,5 +1,7 @@
 """The ego in many scenes at once, compiled: the plan of its decision, and the check ``strict``."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -8,7 +10,6 @@ from drl_av.driving.actions import EgoNumbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES, IntArray, indicators
 from drl_av.driving.maneuver import plan_into
 from drl_av.road.road import FloatArray
-from drl_av.road.road_numbers import RoadNumbers
 from drl_av.safety.reachability import StrictNumbers
 from drl_av.safety.strict import fallback_is_free, strict_verdicts
 
@@ -17,14 +18,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 @compiled
 def plan_all(
-    x_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
-    lanes: IntArray,
-    road: RoadNumbers,
+    world: tuple[Any, ...],
     ego: EgoNumbers,
     executed: IntArray,
     plans: FloatArray,
@@ -33,57 +27,43 @@ def plan_all(
 ) -> None:
     """Plan the ego's decision ``executed`` in each scene, as ``plan_into`` does.
 
-    The first arrays are those of ``World.numbers``. The function fills ``plans``, shape (scenes, 3,
-    steps), and ``lanes_after``, shape (scenes, 2), and updates ``heading_rad``, shape (scenes,).
+    ``world`` is ``World.numbers``. The function fills ``plans``, shape (scenes, 3, steps), and
+    ``lanes_after``, shape (scenes, 2), and updates ``heading_rad``, shape (scenes,).
     """
+    x_m, y_m, speed_m_s, lateral_m_s, length_m, width_m, lanes, road = world
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     for row in range(len(x_m)):
         state = (x_m[row], y_m[row], speed_m_s[row], lateral_m_s[row], length_m, width_m)
-        indicators(*state, road, 250.0, values, codes)
+        indicators(state, road, 250.0, values, codes)
+        begun = (lanes[row, 0], lanes[row, 1], heading_rad[row])
+        ground = (road.lane_width_m, road.speed_limits, values[FRONT])
+        into = (plans[row, 0], plans[row, 1], plans[row, 2])
         lanes_after[row, 0], lanes_after[row, 1], heading_rad[row] = plan_into(
-            values,
-            codes,
-            executed[row],
-            lanes[row, 0],
-            lanes[row, 1],
-            heading_rad[row],
-            road.lane_width_m,
-            road.speed_limits,
-            values[FRONT],
-            ego,
-            plans[row, 0],
-            plans[row, 1],
-            plans[row, 2],
+            values, codes, executed[row], *begun, *ground, ego, *into
         )
 
 
 @compiled
 def judge(
-    x_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
-    lanes: IntArray,
-    road: RoadNumbers,
+    world: tuple[Any, ...],
     strict: StrictNumbers,
     ego: EgoNumbers,
     proposal: IntArray,
     executed: IntArray,
     free: BoolArray,
 ) -> None:
-    """Set ``executed`` and ``free`` for each scene; the first arrays are of ``World.numbers``.
+    """Set ``executed`` and ``free`` for each scene; ``world`` is ``World.numbers``.
 
     The vehicles of a World are not on a loop, so none is both ahead of the ego and behind it.
     """
+    x_m, y_m, speed_m_s, lateral_m_s, length_m, width_m, lanes, road = world
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     verdicts, rules = np.empty(12, np.int64), np.empty(12, np.int64)
     for row in range(len(x_m)):
         state = (x_m[row], y_m[row], speed_m_s[row], lateral_m_s[row], length_m, width_m)
-        indicators(*state, road, 250.0, values, codes)
+        indicators(state, road, 250.0, values, codes)
         ground = (0.0, road.lane_width_m, road.barriers, x_m[row, 0] + length_m[0] / 2)
-        scene = (*state, codes, lanes[row, 0], lanes[row, 1], *ground, strict, ego)
+        scene = (state, codes, (lanes[row, 0], lanes[row, 1]), ground, strict, ego)
         strict_verdicts(*scene, verdicts, rules)
         executed[row] = verdicts[proposal[row]]
         free[row] = fallback_is_free(*scene)

@@ -15,7 +15,6 @@ actions too, so that a check that withstands it does so around any driver. The e
 the ego hit something under ``strict`` or under a check of the user.
 """
 
-import json
 import sys
 import warnings
 from itertools import pairwise, product
@@ -31,9 +30,9 @@ from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import Collision
 from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
-from verification.adversary import BatchCheck, BatchStrict, Mover, one_by_one
+from verification.adversary import BatchCheck, BatchStrict, BoolArray, Mover, one_by_one
 from verification.euler import Integration
-from verification.falsification import Tally, genes, orders, play, scripted
+from verification.falsification import genes, orders, play, scripted
 from verification.falsification import search as learn
 from verification.families import CONSTANT_SPEED, FAMILIES, PLACED
 from verification.open_families import OPEN_FAMILIES
@@ -67,50 +66,38 @@ def envelope(config: Config, names: list[str], scenes: int, seed: int) -> list[d
     Returns one row for each family, plant and range of closing speed.
     """
     rows = []
-    for name in names:
-        family = ENVELOPE[name]
-        for step_s, integration in PLANTS:
-            plant = config.updated("simulation", step_length_s=step_s)
-            rng = np.random.default_rng(seed)
-            world = family.start(rng.random((scenes, PLACED * family.others)), plant)
-            closing = world.speed_m_s[:, 0] - world.speed_m_s[:, 1]
-            closing = -closing if name == "overtaker" else closing
-            commands = scripted(family, scenes)
-            _, ended = play(world, commands, check_of(plant), Mover(plant, integration))
-            for low, high in pairwise(CLOSING_M_S):
-                inside = (closing >= low) & (closing < high)
-                rows.append(
-                    {
-                        "family": name,
-                        "step_s": step_s,
-                        "integration": integration.value,
-                        "closing_m_s": f"{low:g}-{high:g}",
-                        "starts": int(inside.sum()),
-                        "ego_hit": float((ended[inside] == 1).mean()) if inside.any() else None,
-                        "was_hit": float((ended[inside] == 2).mean()) if inside.any() else None,
-                    }
-                )
+    for name, (step_s, integration) in product(names, PLANTS):
+        family, plant = ENVELOPE[name], config.updated("simulation", step_length_s=step_s)
+        rng = np.random.default_rng(seed)
+        world = family.start(rng.random((scenes, PLACED * family.others)), plant)
+        closing = world.speed_m_s[:, 0] - world.speed_m_s[:, 1]
+        closing = -closing if name == "overtaker" else closing
+        commands = scripted(family, scenes)
+        _, ended = play(world, commands, check_of(plant), Mover(plant, integration))
+        key = {"family": name, "step_s": step_s, "integration": integration.value}
+        for low, high in pairwise(CLOSING_M_S):
+            inside = ended[(closing >= low) & (closing < high)]
+            found = {"closing_m_s": f"{low:g}-{high:g}", "starts": len(inside)}
+            shares = {"ego_hit": share(inside == 1), "was_hit": share(inside == 2)}
+            rows.append(key | found | shares)
     return rows
+
+
+def share(of: BoolArray) -> float | None:
+    """Return the share of True values; None if the array is empty."""
+    return float(of.mean()) if len(of) else None
 
 
 def search(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
     """Search each named family with CMA-ES; return one row of results for each family."""
     rows = []
     for name in names:
-        tallies = list(learn(SEARCHED[name], config, check_of(config), Mover(config), scenes, seed))
-        rows.append(summed(name, tallies))
+        tallies = learn(SEARCHED[name], config, check_of(config), Mover(config), scenes, seed)
+        *counts, least_m = zip(*tallies, strict=True)
+        row = zip(("scenes", "ego_hit", "was_hit"), map(sum, counts), strict=True)
+        rows.append({"family": name, **dict(row), "least_separation_m": round(min(least_m), 4)})
         print(rows[-1], file=sys.stderr)
     return rows
-
-
-def summed(name: str, tallies: list[Tally]) -> dict[str, Any]:
-    return {
-        "family": name,
-        "scenes": sum(tally.scenes for tally in tallies),
-        "ego_hit": sum(tally.ego_hits for tally in tallies),
-        "was_hit": sum(tally.was_hit for tally in tallies),
-        "least_separation_m": round(min(tally.least_m for tally in tallies), 4),
-    }
 
 
 def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[dict[str, Any]]:
@@ -123,8 +110,7 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
     rows = []
     for name in names:
         family, check, mover = SEARCHED[name], check_of(config), Mover(config)
-        sumo = SumoWorld(config, family.road_kind)
-        rng = np.random.default_rng(seed)
+        sumo, rng = SumoWorld(config, family.road_kind), np.random.default_rng(seed)
         ends: list[tuple[Collision | None, Collision | None, float]] = []
         while len(ends) < scenes:
             genome = rng.normal(size=(1, genes(family)))
@@ -134,47 +120,37 @@ def in_sumo(config: Config, names: list[str], scenes: int, seed: int) -> list[di
                 ends.append(sumo.play(world, orders(genome, family, config), check, mover))
             except ScenarioError:
                 continue  # two of the other vehicles would overlap at the start
-        rows.append(
-            {
-                "family": name,
-                "scenes": scenes,
-                "ego_hit": sum(hit is not None and hit.kind.ego_hit for hit, _, _ in ends),
-                "was_hit": sum(hit is not None and not hit.kind.ego_hit for hit, _, _ in ends),
-                "unlike_the_equations": sum(hit != expected for hit, expected, _ in ends),
-                "furthest_from_the_equations_m": round(max(off_m for *_, off_m in ends), 6),
-            }
-        )
+        ego_hit = [hit.kind.ego_hit for hit, *_ in ends if hit is not None]
+        row = {"family": name, "scenes": scenes, "ego_hit": sum(ego_hit)}
+        row |= {"was_hit": len(ego_hit) - sum(ego_hit)}
+        row |= {"unlike_the_equations": sum(hit != expected for hit, expected, _ in ends)}
+        furthest_m = round(max(off_m for *_, off_m in ends), 6)
+        rows.append(row | {"furthest_from_the_equations_m": furthest_m})
     return rows
 
 
 def show(rows: list[dict[str, Any]]) -> None:
     """Print the rows as a table."""
-    names = list(rows[0])
-    texts = [
-        [
-            "" if row[n] is None else f"{row[n]:.3f}" if isinstance(row[n], float) else str(row[n])
-            for n in names
-        ]
-        for row in rows
-    ]
-    widths = [max(map(len, column)) for column in zip(names, *texts, strict=True)]
-    for line in (names, *texts):
-        print("  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)))
+    texts = [[*rows[0]], *([_text(value) for value in row.values()] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    for line in texts:
+        print("  ".join(map(str.ljust, line, widths)))
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
 def main() -> int:
     parser = Program(__doc__)
     parser.checks(CHECKS, default="paper")
     parser.add_argument("--family", nargs="+", choices=ENVELOPE | SEARCHED, help="default: all")
-    parser.add_argument(
-        "--scenes", type=int_at_least(1), help="for each family (default: 1000; strict: 100000)"
-    )
+    text = "for each family (default: 1000; strict: 100000)"
+    parser.add_argument("--scenes", type=int_at_least(1), help=text)
     parser.number("--seed", 0, low=0)
-    parser.add_argument(
-        "--search", action="store_true", help="search under any check, without the envelope"
-    )
+    text = "search under any check, without the envelope"
+    parser.add_argument("--search", action="store_true", help=text)
     parser.add_argument("--sumo", action="store_true", help="drive random scenes in SUMO")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
     check = arguments.safety_check
     config, strict = Config().updated("safety", check=check), check == "strict"
@@ -185,11 +161,8 @@ def main() -> int:
     if unknown := set(arguments.family or ()) - set(known):
         parser.error(f"the family {unknown.pop()!r} is not among these: {', '.join(known)}")
     rows = work(config, arguments.family or list(known), scenes, arguments.seed)
-    if arguments.json:
-        print(json.dumps(rows, indent=2))
-    else:
-        show(rows)
-        print(parser.made_by())
+    show(rows)
+    print(parser.made_by())
     return 1 if (strict or is_factory(check)) and any(row["ego_hit"] for row in rows) else 0
 
 

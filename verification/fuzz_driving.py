@@ -6,11 +6,13 @@ Each input is tried in its own process, because SUMO can crash.
 import multiprocessing
 import random
 import re
+import signal
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import Field, fields
 from functools import cache
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,6 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.errors import ConfigError, DrlAvError
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.custom_vehicle_types import CAR_FOLLOWING_MODELS, CustomVehicleType
@@ -29,7 +30,7 @@ from drl_av.simulation.sumo import connection
 
 Attempt = Callable[[random.Random, Path], None]
 DECISIONS = 4
-LIMIT_S = 120.0
+LIMIT_S = 120
 """An input that takes longer counts as a hang."""
 DRIVEN = ("simulation", "traffic", "ego", "safety", "strict", "finite_state", "level_0", "reward")
 """The sections of the config that change how an episode is driven."""
@@ -81,14 +82,9 @@ def description(rng: random.Random) -> Any:
         names = ["ego", *(f"v{number}" for number in range(rng.randint(0, 4)))]
         given["vehicles"] = tuple(_placed(name, rng) for name in names)
     elif rng.random() < 0.4 and any(item.name == "vehicle_types" for item in fields(kind)):
+        choices: list[Any] = [(0.0, 0.3, 0.5, 1.0), (1.0, 5.0, 18.0, 25.0), (0.5, 1.8, 2.6, 5.0)]
         given["vehicle_types"] = tuple(
-            CustomVehicleType(
-                f"own{number}",
-                rng.choice([0.0, 0.3, 0.5, 1.0]),
-                rng.choice([1.0, 5.0, 18.0, 25.0]),
-                rng.choice([0.5, 1.8, 2.6, 5.0]),
-                rng.choice(list(CAR_FOLLOWING_MODELS)),
-            )
+            CustomVehicleType(f"own{number}", *map(rng.choice, (*choices, [*CAR_FOLLOWING_MODELS])))
             for number in range(rng.randint(1, 3))
         )
     return kind(**given)
@@ -203,39 +199,17 @@ def _rearranged(data: bytes, rng: random.Random) -> bytes:
 def apart(attempt: Attempt) -> Attempt:
     """Return a function that runs ``attempt`` in its own process.
 
-    The function raises ConfigError if the input is refused, and AssertionError if the attempt fails
-    or the process crashes or hangs.
+    The function raises what ``attempt`` raises, and AssertionError if the process crashes or hangs.
     """
     context = multiprocessing.get_context("fork")
     connection(gui=False)  # imports libsumo once, not in each process
 
     def tried(rng: random.Random, folder: Path) -> None:
-        receiver, sender = context.Pipe(duplex=False)
-        process = context.Process(target=_report, args=(attempt, rng, folder, sender))
-        process.start()
-        sender.close()
-        process.join(LIMIT_S)
-        if process.exitcode is None:
-            process.kill()
-            raise AssertionError(f"it takes longer than {LIMIT_S:g} s")
-        if process.exitcode != 0:
-            raise AssertionError(f"the process ended with {process.exitcode}")
-        refusal, failure = receiver.recv()
-        if failure:
-            raise AssertionError(failure)
-        if refusal:
-            raise ConfigError(refusal)
+        with ProcessPoolExecutor(1, context, signal.alarm, (LIMIT_S,)) as pool:
+            try:
+                pool.submit(attempt, rng, folder).result()
+            except BrokenProcessPool as error:
+                text = f"its process crashed, or took longer than {LIMIT_S} s"
+                raise AssertionError(text) from error
 
     return tried
-
-
-def _report(attempt: Attempt, rng: random.Random, folder: Path, sender: Connection) -> None:
-    """Run ``attempt``; send the texts of its refusal and its failure, "" if there is none."""
-    refusal = failure = ""
-    try:
-        attempt(rng, folder)
-    except DrlAvError as error:
-        refusal = str(error)
-    except Exception as error:
-        failure = repr(error)
-    sender.send((refusal, failure))

@@ -22,7 +22,6 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from heapq import heappop, heappush
-from itertools import compress
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.sax import SAXParseException
@@ -40,7 +39,7 @@ from drl_av.road.sweep import displacements, rectangles_of
 from drl_av.simulation.simulation import Simulation
 from drl_av.sumo_programs import sumo_module
 from studies.results import markdown_table
-from verification.auditor import ARRAYS, in_both
+from verification.auditor import in_both, selected
 from verification.program import Program, run_program
 
 MOTORWAY, FROM_MAP, FAST_M_S = "highway.motorway", "highway.", 22.0
@@ -157,12 +156,13 @@ class Drive(NamedTuple):
     """Episodes in which a body overlapped the ego's, swept through each SUMO step or according to
     SUMO, and no collision was reported."""
 
+    def __str__(self) -> str:
+        return "{} decisions, ego hits {}, was hit {}, unreported overlaps {}".format(*self)
+
 
 def near_the_ego(shot: Snapshot) -> Snapshot:
     """Return a snapshot with those vehicles only that could touch the ego within a step."""
-    near = np.abs(shot.s_m - shot.s_m[EGO]) < NEAR_M
-    columns = {name: getattr(shot, name)[near] for name in ARRAYS}
-    return shot._replace(ids=tuple(compress(shot.ids, near)), **columns)
+    return selected(shot, np.flatnonzero(np.abs(shot.s_m - shot.s_m[EGO]) < NEAR_M).tolist())
 
 
 def drive(folder: Path, episodes: int) -> Drive:
@@ -193,13 +193,10 @@ def drive(folder: Path, episodes: int) -> Drive:
             decisions = [*rollout(env, driver, seed, vehicles)]
             collision = decisions[-1].collision
             ego_hit = collision is not None and collision.kind.ego_hit
-            overlapped = any(EGO_ID in pair for pair in touched)
-            found = Drive(
-                found.decisions + len(decisions),
-                found.ego_hits + ego_hit,
-                found.was_hit + (collision is not None and not ego_hit),
-                found.unreported + (overlapped and collision is None),
-            )
+            was_hit = collision is not None and not ego_hit
+            unreported = collision is None and any(EGO_ID in pair for pair in touched)
+            this = len(decisions), ego_hit, was_hit, unreported
+            found = Drive(*map(sum, zip(found, this, strict=True)))
     return found
 
 
@@ -217,15 +214,7 @@ class Result(NamedTuple):
         ends = f"from {self.way.edges[0]!r} to {self.way.edges[-1]!r}"
         became = "read" if self.read else "refused"
         text = f"{self.net}, {self.way.length_m / 1000:.1f} km {ends}: {became}.\n    {self.text}"
-        return f"{text}\n    {shown(self.drove)}" if self.drove.decisions else text
-
-
-def shown(drove: Drive) -> str:
-    """Return the counts of a drive as text."""
-    return (
-        f"{drove.decisions} decisions, ego hits {drove.ego_hits}, was hit {drove.was_hit}, "
-        f"unreported overlaps {drove.unreported}"
-    )
+        return f"{text}\n    {self.drove}" if self.drove.decisions else text
 
 
 def results_of(folder: Path, episodes: int) -> Iterator[Result]:
@@ -260,7 +249,7 @@ def summary(results: Sequence[Result]) -> Iterator[str]:
     yield from (f"{count} refused: {text}" for text, count in refused.most_common())
     every = Drive(*map(sum, zip(*(result.drove for result in results), strict=True)))
     if every.decisions:
-        yield f"driven: {shown(every)}"
+        yield f"driven: {every}"
 
 
 def table(texts: Mapping[str, str]) -> str:

@@ -110,16 +110,10 @@ class SumoWorld:
         before_m = beside * self._config.simulation.step_length_s * world.speed_m_s[0]
         names = ("ego", *(f"vehicle{row}" for row in range(1, world.x_m.shape[1])))
         front_m = world.x_m[0] + self._to_s_m(world) + HALF_M - before_m
-        placed = tuple(
-            PlacedVehicle(
-                name,
-                int(lane[row]),
-                float(front_m[row] % self._scenario.road.lap_m),
-                float(world.speed_m_s[0, row]),
-                40.0,
-            )
-            for row, name in enumerate(names)
-        )
+        places_m = front_m % self._scenario.road.lap_m
+        columns = lane.astype(int), places_m, world.speed_m_s[0], np.full(len(names), 40.0)
+        states = zip(names, *(column.tolist() for column in columns), strict=True)
+        placed = tuple(PlacedVehicle(*state) for state in states)
         description = replace(self._scenario.description, vehicles=placed)
         simulation = Simulation(replace(self._scenario, description=description), self._config)
         simulation.reset(0, len(names) - 1)

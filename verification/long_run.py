@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drl_av.config import TRAFFIC_PRESETS, Config, load_config
+from drl_av.config import TRAFFIC_PRESETS, Config
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action
 from drl_av.driving.scene import Scene
@@ -27,21 +27,18 @@ from drl_av.evaluation.provenance import provenance, read_sidecar, sidecar, writ
 from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.table import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
-from drl_av.safety import CHECKS
 from drl_av.simulation.population import DriverModel
 from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, THROUGH, Auditor, Breach
 from verification.program import Program, run_program
 
 FIRST_SEED = 800_000
 SHARES = ("finite_state_share", "level_0_share", "level_1_share")
-MIXES: tuple[tuple[float, float, float], ...] = (
-    (0.0, 0.0, 0.0),
-    (1.0, 0.0, 0.0),
-    (0.0, 1.0, 0.0),
-    (0.0, 0.0, 1.0),
-    (0.25, 0.25, 0.25),
-)
-"""Shares of the finite-state, level-0 and level-1 drivers; the rest is SUMO's IDM."""
+MIXES: dict[str, dict[str, float]] = {
+    "sumo": {},
+    **{name.removesuffix("_share"): {name: 1.0} for name in SHARES},
+    "finite_state+level_0+level_1": dict.fromkeys(SHARES, 0.25),
+}
+"""Shares of the drivers in each mix of the traffic; the rest is SUMO's IDM."""
 COLUMNS = (
     *("seed", "vehicles", "mix", "decisions", "mean_speed_m_s"),
     *("ego_hit", "collision", "other", "broken_bounds", "breaches", "all_breaches"),
@@ -114,36 +111,20 @@ class Watched:
         return "|".join(facts)
 
 
-def environments(base: Config) -> dict[str, Watched]:
-    """Make one environment for each mix of the traffic; the keys are the names of the mixes."""
-    found = {}
-    for mix in MIXES:
-        shares = {name: share for name, share in zip(SHARES, mix, strict=True) if share}
-        words = "+".join(name.removesuffix("_share") for name in shares)
-        found[words or "sumo"] = Watched(base.updated("traffic", **shares))
-    return found
-
-
 def main() -> int:
     parser = Program(__doc__)
     parser.number("--episodes", 5000, "number of episodes")
     parser.number("--first", 0, "number of the first episode", low=0)
-    parser.add_argument("--check", default="strict", choices=CHECKS, help="default: strict")
-    parser.add_argument(
-        "--traffic", choices=TRAFFIC_PRESETS, help="kind of traffic (default: five mixes)"
-    )
-    parser.add_argument("--config", help="a TOML file of settings")
-    parser.add_argument(
-        "--out", type=Path, default=Path("long_run.csv"), help="default: long_run.csv"
-    )
+    parser.add_argument("--traffic", choices=TRAFFIC_PRESETS, help="default: five mixes")
+    parser.add_argument("--out", type=Path, default="long_run.csv", help="default: long_run.csv")
     arguments = parser.parse_args()
-    base = load_config(arguments.config, Config().with_traffic("calm"))
-    base = base.updated("safety", check=arguments.check)
+    base = Config().with_traffic("calm").updated("safety", check="strict")
     if arguments.traffic is not None:
         base = base.with_traffic(arguments.traffic)
         worlds = {arguments.traffic: Watched(base)}
     else:
-        worlds = environments(base)
+        mixes = MIXES.items()
+        worlds = {name: Watched(base.updated("traffic", **shares)) for name, shares in mixes}
     names = list(worlds)
     done, facts = read_table(arguments.out, growing=True), read_sidecar(arguments.out)
     if facts and stored_config(facts["settings"], str(arguments.out)) != base:
@@ -158,9 +139,8 @@ def main() -> int:
             if seed not in known:
                 append_rows(arguments.out, COLUMNS, [worlds[mix].episode(mix, seed)])
     finally:
-        wall_time_s = spent_s + round(parser.spent_s(), 1)
-        made = provenance(base, wall_time_s=wall_time_s, settings=asdict(base))
-        write_sidecar(arguments.out, made)
+        spent = spent_s + round(parser.spent_s(), 1)
+        write_sidecar(arguments.out, provenance(base, wall_time_s=spent, settings=asdict(base)))
     status = report(read_table(arguments.out, growing=True))
     print(parser.made_by(spent_s))
     return status

@@ -149,7 +149,8 @@ class Traffic:
         """Decide for the next second; return all commands, with the ego's action ``proposal``."""
         gap_m, leader = _leaders(world, self._target)
         acceleration = self._following(world, gap_m, leader)
-        ahead = _ahead_of_ego(leader, gap_m, world)
+        columns = np.arange(1, world.x_m.shape[1])
+        ahead = (leader[:, :1] == columns) & (gap_m[:, :1] < RANGE_M)
         brakes = self._happens(
             np.where(ahead, self._frequencies.hard_brake, HARD_BRAKES_PER_S), HARD_BRAKES_PER_S
         )
@@ -166,8 +167,7 @@ class Traffic:
         closing = np.where(leader[:, 1:] >= 0, speed - other, 0.0)
         noise = self._rng.normal(0, NOISE_M_S2, speed.shape)
         followed = _idm(speed, self._desired_m_s, gap_m[:, 1:], closing)
-        result: FloatArray = np.clip(followed + noise, -EMERGENCY_BRAKING_M_S2, 2.0)
-        return result
+        return np.clip(followed + noise, -EMERGENCY_BRAKING_M_S2, 2.0)
 
     def _change_lanes(self, world: World) -> None:
         """Draw which vehicles begin a lane change; they complete it."""
@@ -220,8 +220,7 @@ def _idm(
     shrinks, m/s.
     """
     interaction = (_wanted_gap(speed, closing) / np.maximum(gap_m, 0.01)) ** 2
-    result: FloatArray = HIGHD.acceleration_m_s2 * (1 - (speed / desired) ** 4 - interaction)
-    return result
+    return HIGHD.acceleration_m_s2 * (1 - (speed / desired) ** 4 - interaction)
 
 
 def _wanted_gap(speed: FloatArray, closing: FloatArray) -> FloatArray:
@@ -241,8 +240,7 @@ def unhurried_gap(speed: FloatArray, ahead: FloatArray) -> FloatArray:
     """
     free = 1 - (speed / (speed + 1.0)) ** 4
     braking = HARD_BRAKE_M_S2[0] / HIGHD.acceleration_m_s2
-    result: FloatArray = _wanted_gap(speed, speed - ahead) / np.sqrt(free + braking)
-    return result
+    return _wanted_gap(speed, speed - ahead) / np.sqrt(free + braking)
 
 
 def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
@@ -262,13 +260,6 @@ def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
     nearest_m = lead_m.min(axis=2)
     leader = np.where(np.isinf(nearest_m), -1, lead_m.argmin(axis=2))
     return nearest_m - LENGTH_M, leader
-
-
-def _ahead_of_ego(leader: IntArray, gap_m: FloatArray, world: World) -> BoolArray:
-    """Return which vehicle is near ahead of the ego in its lane; shape (scenes, others)."""
-    columns = np.arange(1, world.x_m.shape[1])
-    result: BoolArray = (leader[:, :1] == columns) & (gap_m[:, :1] < RANGE_M)
-    return result
 
 
 def _room(world: World, target: IntArray, into: IntArray) -> tuple[BoolArray, BoolArray]:

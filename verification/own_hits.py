@@ -17,6 +17,8 @@ hard braking ahead of the ego. The proof excludes that the ego hits a vehicle in
 exit status is 1 if it does. The proof is that of ``strict``, so that there is no other check here.
 """
 
+from typing import Any
+
 import numpy as np
 
 from drl_av.road.road import FloatArray
@@ -29,7 +31,6 @@ from verification.naturalistic import (
     LANE_CHANGES_PER_S,
     PEOPLE,
     PER_LANE,
-    Frequencies,
     Traffic,
 )
 from verification.program import Program, run_program
@@ -59,14 +60,8 @@ def tries(tests: int, rng: np.random.Generator) -> BoolArray:
 class Approaching(Traffic):
     """Human drivers; in each test at least one tries to change lanes towards the ego."""
 
-    def __init__(
-        self,
-        world: World,
-        frequencies: Frequencies,
-        rng: np.random.Generator,
-        careless: float = CARELESS_SHARE,
-    ) -> None:
-        super().__init__(world, frequencies, rng, careless)
+    def __init__(self, world: World, *given: Any) -> None:
+        super().__init__(world, *given)
         self._second = 0
         self._tries = self._drawn(len(world.x_m)).reshape(len(world.x_m), SECONDS, -1)
 
@@ -115,7 +110,7 @@ def report(outcome: Outcome) -> str:
 def main() -> int:
     """Drive the tests, then the control; print both; return 1 if the control has a hit."""
     parser = Program(__doc__)
-    parser.drivers()
+    parser.drivers("pretrained")
     parser.number("--tests", 120_000, "for each share")
     parser.number("--control", 20_000, "tests of the control")
     add_careless(parser)
@@ -134,10 +129,8 @@ def main() -> int:
         control = run(config, options.control, *how)
         hit = int(control.ego_hit.sum())
         contradicted += hit
-        print(
-            f"control: {options.control} tests in which no vehicle tries, the ego hits a vehicle "
-            f"{hit} times"
-        )
+        tests = f"control: {options.control} tests in which no vehicle tries"
+        print(f"{tests}, the ego hits a vehicle {hit} times")
     print(parser.made_by())
     return 1 if contradicted else 0
 

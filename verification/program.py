@@ -3,7 +3,7 @@
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,23 +23,21 @@ class Program(argparse.ArgumentParser):
 
     def number(self, name: str, default: int, meaning: str = "", low: int = 1) -> None:
         """Add an option for a whole number, at least ``low``; its help shows ``meaning``."""
-        text = f"{meaning} (default: {default})" if meaning else f"default: {default}"
-        self.add_argument(name, type=int_at_least(low), default=default, metavar="N", help=text)
+        self.add_argument(name, type=int_at_least(low), metavar="N", **_with(default, meaning))
 
-    def some(self, name: str, choices: Iterable[str]) -> None:
+    def numbers(self, name: str, default: Iterable[int], meaning: str = "", low: int = 1) -> None:
+        """Add an option for one or more whole numbers, as ``number`` does for one."""
+        words = _with([*default], meaning)
+        self.add_argument(name, type=int_at_least(low), nargs="+", metavar="N", **words)
+
+    def some(self, name: str, choices: Iterable[str], default: Sequence[str] = ()) -> None:
         """Add an option that takes one or more of the ``choices``; its default is all of them."""
-        known = list(choices)
-        self.add_argument(name, nargs="+", choices=known, default=known, help="default: all")
+        known = [*choices]
+        self.add_argument(name, nargs="+", choices=known, **_with([*(default or known)]))
 
-    def drivers(self) -> None:
-        """Add the option ``--driver``, one or more drivers; by default the shipped one."""
-        self.add_argument(
-            "--driver",
-            nargs="+",
-            default=["pretrained"],
-            metavar="NAME",
-            help=f"{driver_words()} (default: pretrained)",
-        )
+    def drivers(self, *default: str, name: str = "--driver") -> None:
+        """Add an option that takes one or more drivers."""
+        self.add_argument(name, nargs="+", metavar="NAME", **_with([*default], driver_words()))
 
     def checks(self, known: Iterable[str], **options: Any) -> None:
         """Add the option ``--safety-check``: a name among ``known``, or ``module:function``.
@@ -69,6 +67,13 @@ class Program(argparse.ArgumentParser):
         Its wall time includes ``before_s``, the wall time of earlier runs, seconds.
         """
         return made_by(before_s + self.spent_s())
+
+
+def _with(default: Any, meaning: str = "") -> dict[str, Any]:
+    """Return the default of an option, and the help that shows it after ``meaning``."""
+    shown = " ".join(map(str, default)) if isinstance(default, list) else default
+    text = f"{meaning} (default: {shown})" if meaning else f"default: {shown}"
+    return {"default": default, "help": text}
 
 
 def run_program(main: Callable[[], int | None]) -> None:

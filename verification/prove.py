@@ -11,7 +11,6 @@ fails; the argument then does not cover these settings.
 import sys
 import time
 from collections.abc import Iterator
-from fractions import Fraction
 from typing import NamedTuple
 
 from drl_av.config import Config, load_config
@@ -89,11 +88,6 @@ def rounding(config: Config, numbers: Argument) -> Result:
     return Result("rounding", says, time.monotonic() - begun_s, None if covered else model)
 
 
-def written(model: dict[str, Fraction]) -> str:
-    """Return the numbers of a counterexample as text."""
-    return ", ".join(f"{name} {float(value):.6g}" for name, value in model.items())
-
-
 def main() -> int:
     parser = Program(__doc__)
     parser.add_argument("--config", help="a TOML file of settings")
@@ -103,11 +97,9 @@ def main() -> int:
         print(result, flush=True)
         failed += [result] if result.model is not None else []
     for result in failed:
-        print(
-            f"These settings are not covered: the lemma {result.name} fails, for example at "
-            f"{written(result.model or {})}.",
-            file=sys.stderr,
-        )
+        numbers = [f"{name} {float(value):.6g}" for name, value in (result.model or {}).items()]
+        text = f"the lemma {result.name} fails, for example at {', '.join(numbers)}."
+        print(f"These settings are not covered: {text}", file=sys.stderr)
     return 1 if failed else 0
 
 

@@ -25,10 +25,10 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from statistics import fmean
 
-from drl_av.cli.options import int_at_least
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
@@ -38,8 +38,8 @@ from drl_av.env.episode_start import COMPLETE, EXIT_MISSED
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
+from drl_av.evaluation.criterion import wilson
 from drl_av.road.snapshot import Snapshot
-from drl_av.safety import CHECKS
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_types import ROAD_TYPES
 from studies.results import markdown_table
@@ -165,11 +165,8 @@ def _passes(before: Snapshot, after: Snapshot, s_m: float) -> int:
 
 def interval(successes: int, trials: int) -> str:
     """Return the share of successes in percent as text, with Wilson's interval at 95 %."""
-    z, share = 1.96, successes / trials
-    middle = (share + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials**2))
-    half /= 1 + z * z / trials
-    return f"{share:.1%} ({max(middle - half, 0.0):.1%} to {min(middle + half, 1.0):.1%})"
+    share, low, high = wilson(successes, trials)
+    return f"{share:.1%} ({max(low, 0.0):.1%} to {min(high, 1.0):.1%})"
 
 
 def time_lost(trips: Sequence[Trip], empty_s: float | None) -> str:
@@ -205,17 +202,9 @@ def line(kind: str, name: str, flow: float, trips: Sequence[Trip], empty_s: floa
 
 def table(text: str) -> str:
     """Return the Markdown table of what this program printed: one row for each flow and driver."""
-    columns = {
-        "flow": "vehicles/h/lane",
-        "driver": "driver",
-        "episodes": "episodes",
-        "success": "success",
-        "hits": "ego hits",
-        "waited": "waited",
-        "lost": "time lost",
-        "behind": "braking behind",
-        "forced": "forced",
-    }
+    columns = {"flow": "vehicles/h/lane", "driver": "driver", "episodes": "episodes"}
+    columns |= {"success": "success", "hits": "ego hits", "waited": "waited"}
+    columns |= {"lost": "time lost", "behind": "braking behind", "forced": "forced"}
     found = [each.groupdict() for each in PRINTED.finditer(text)]
     for each in found:
         each["driver"] = f"`{each['driver']}`"
@@ -227,33 +216,21 @@ def table(text: str) -> str:
 def main() -> int:
     """Drive each driver on each kind of road at each flow and print its line."""
     parser = Program(__doc__)
-    parser.add_argument(
-        "--kind", nargs="+", default=["merge"], choices=SUCCESS, help="default: merge"
-    )
+    parser.some("--kind", SUCCESS, ["merge"])
     parser.number("--episodes", 100, "for each printed line")
-    parser.add_argument(
-        "--driver", nargs="+", default=["gap-mobil"], metavar="NAME", help="default: gap-mobil"
-    )
-    parser.add_argument(
-        "--flow",
-        nargs="+",
-        type=int_at_least(0),
-        default=FLOWS,
-        metavar="VEHICLES_PER_H",
-        help="inflow of each lane of the highway (default: 0 500 1000 1500 2000)",
-    )
-    parser.add_argument("--safety-check", default="strict", choices=CHECKS, help="default: strict")
+    parser.drivers("gap-mobil")
+    parser.numbers("--flow", FLOWS, "vehicles/h on each lane of the highway", low=0)
     parser.number("--seed", SEEDS, "of the first episode", low=0)
     options = parser.parse_args()
     hits = 0
     specs = find_drivers(options.driver)
     seeds = range(options.seed, options.seed + options.episodes)
     with tempfile.TemporaryDirectory() as home:
-        for kind, flow in ((kind, flow) for kind in options.kind for flow in options.flow):
+        for kind, flow in product(options.kind, options.flow):
             folder = Path(home, f"{kind}_{flow:g}")
             write_scenario(folder, replace(ROAD_TYPES[kind].description(), flow_per_h=flow))
             for spec in specs:
-                config = driven_with(spec, folder, options.safety_check)
+                config = driven_with(spec, folder)
                 [driver] = make_drivers([spec], config).values()
                 with closing(HighwayEnv(config=config)) as env:
                     empty_s = drive(env, driver, options.seed, vehicles=0).end_s
@@ -264,7 +241,7 @@ def main() -> int:
     return 1 if hits else 0
 
 
-def driven_with(spec: DriverSpec, scenario: Path, check: str) -> Config:
+def driven_with(spec: DriverSpec, scenario: Path) -> Config:
     """Return the config of an environment for a driver, with ``calm`` traffic.
 
     A learned driver has its margins, and the observation and the limits of the ego with which it
@@ -273,7 +250,7 @@ def driven_with(spec: DriverSpec, scenario: Path, check: str) -> Config:
     own = default_config([spec])
     calm = Config().with_traffic("calm")
     config = replace(calm, observation=own.observation, ego=own.ego, learning=own.learning)
-    return config.updated("safety", check=check).updated("simulation", scenario=str(scenario))
+    return config.updated("safety", check="strict").updated("simulation", scenario=str(scenario))
 
 
 if __name__ == "__main__":

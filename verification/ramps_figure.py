@@ -10,7 +10,9 @@ intervals.
 import re
 from collections import defaultdict
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.figure_style import label_axes, legend_of_names, panels, save_figure
@@ -60,13 +62,10 @@ def draw(axes: "Axes", text: str, measure: str) -> "dict[str, ErrorbarContainer]
     """Draw one measure of each driver against the flow, and return each driver's curve."""
     curves = {}
     for driver, line in points(text, measure).items():
-        flows, values = [point.flow_per_h for point in line], [point.value for point in line]
-        below = [point.value - point.low for point in line]
-        above = [point.high - point.value for point in line]
-        colour = COLOURS.get(driver, LEARNED)
-        curves[driver] = axes.errorbar(
-            flows, values, (below, above), color=colour, marker="o", ms=4, capsize=2, lw=1.2
-        )
+        flows, values, low, high = np.array(line).T
+        style: dict[str, Any] = {"color": COLOURS.get(driver, LEARNED), "marker": "o", "ms": 4}
+        errors = values - low, high - values
+        curves[driver] = axes.errorbar(flows, values, errors, capsize=2, lw=1.2, **style)
     return curves
 
 

@@ -30,8 +30,7 @@ def swept_separation(starts: Places, ends: Places, length_m: float, width_m: flo
     def at(time: FloatArray | float) -> FloatArray:
         lengthwise_m = np.abs(ahead_m + forward_m * time) - length_m
         sideways_m = np.abs(left_m + aside_m * time) - width_m
-        result: FloatArray = np.maximum(lengthwise_m, sideways_m)
-        return result
+        return np.maximum(lengthwise_m, sideways_m)
 
     least_m = np.minimum(at(0.0), at(1.0))
     lines = [(ahead_m, forward_m, 0.0), (left_m, aside_m, 0.0)]

@@ -86,13 +86,10 @@ def row(bounds: str, name: str, found: Outcome, base_km: np.ndarray) -> dict[str
     whole_tests = found.ego_hit + found.was_hit == 0
     gain = mean_with_interval(100 * (found.km - base_km)[whole_tests] / base_km.mean())
     return {
-        "bounds": bounds,
-        "check": name,
-        "tests": len(base_km),
+        **{"bounds": bounds, "check": name, "tests": len(base_km)},
         "mean_speed_m_s": f"{1000 * found.km[whole_tests].mean() / SECONDS:.2f}",
-        "gain_percent": f"{gain.value:.2f} ± {gain.half_width:.2f}",
-        "ego_hit": int(found.ego_hit.sum()),
-        "was_hit": int(found.was_hit.sum()),
+        "gain_percent": str(gain),
+        **{"ego_hit": int(found.ego_hit.sum()), "was_hit": int(found.was_hit.sum())},
     }
 
 

@@ -13,7 +13,7 @@ table lacks. Each training draws the traffic of its episodes from its own seed. 
 policy is evaluated in traffic that is the same for all trainings.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from itertools import product
 from pathlib import Path
@@ -22,9 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.drivers.driver import Driver
-from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.scene import Scene
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.transition import Observation, Transition
@@ -69,17 +67,14 @@ class PenalizedReward:
         return outcome.reward - self.penalty * refused
 
 
-class Agent(Driver):
-    """The greedy driver of a trained agent; with ``masking`` it chooses only permitted actions."""
+def greedy(model: Any, env: HighwayEnv, masking: bool) -> PolicyDriver:
+    """Return the greedy driver of an agent; with ``masking`` it chooses only permitted actions."""
 
-    def __init__(self, model: Any, env: HighwayEnv, masking: bool) -> None:
-        self._model, self._env, self._masking = model, env, masking
+    def policy(observation: Observation) -> int:
+        masks = env.action_masks() if masking else None
+        return int(model.predict(observation, action_masks=masks, deterministic=True)[0])
 
-    def act(self, scene: Scene, observation: Observation) -> Action:
-        """Return the agent's action of highest probability."""
-        masks = self._env.action_masks() if self._masking else None
-        number, _ = self._model.predict(observation, action_masks=masks, deterministic=True)
-        return ACTIONS[int(number)]
+    return PolicyDriver(policy)
 
 
 def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[str, Any]]:
@@ -103,7 +98,7 @@ def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[
                 reward.decided[begin : begin + BIN]
             )
     with closing(HighwayEnv(config=config)) as env:
-        agent = Agent(model, env, masking)
+        agent = greedy(model, env, masking)
         for vehicles in DENSITIES:
             seeds = range(EVALUATION_SEED, EVALUATION_SEED + episodes)
             results = [drive(env, agent, method, number, vehicles) for number in seeds]
@@ -112,8 +107,8 @@ def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[
                 **key,
                 "stage": FINAL,
                 "step": vehicles,
-                "mean_reward": float(np.mean([result.mean_reward for result in results])),
-                "mean_speed_m_s": float(np.mean([result.mean_speed_m_s for result in results])),
+                "mean_reward": mean(result.mean_reward for result in results),
+                "mean_speed_m_s": mean(result.mean_speed_m_s for result in results),
                 "refused_share": sum(result.safety_triggers for result in results) / decisions,
                 "ego_hits": sum(result.ego_hit for result in results),
             }
@@ -121,12 +116,12 @@ def trained(method: str, seed: int, steps: int, episodes: int) -> Iterator[dict[
 
 def means(decided: list[Decided]) -> dict[str, float]:
     """Return the means over some decisions, and their number of collisions, by table column."""
-    return {
-        "mean_reward": float(np.mean([each.reward for each in decided])),
-        "mean_speed_m_s": float(np.mean([each.speed_m_s for each in decided])),
-        "refused_share": float(np.mean([each.refused for each in decided])),
-        "ego_hits": sum(each.ego_hit for each in decided),
-    }
+    *columns, hits = zip(*decided, strict=True)
+    return {**dict(zip(COLUMNS[4:], map(mean, columns), strict=False)), "ego_hits": sum(hits)}
+
+
+def mean(values: Iterable[float]) -> float:
+    return float(np.mean([*values]))
 
 
 def main() -> int:

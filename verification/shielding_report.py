@@ -3,6 +3,8 @@
 from operator import itemgetter
 from pathlib import Path
 
+import numpy as np
+
 from drl_av.evaluation.figure_style import label_axes, panels, save_figure
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.files import Row
@@ -70,17 +72,12 @@ def figure(rows: list[Row], path: Path) -> None:
         for method in METHODS:
             own = [row for row in learning if row["method"] == method]
             steps = sorted({int(row["step"]) for row in own})
-            means = [
-                over_seeds([row for row in own if int(row["step"]) == step], column)
-                for step in steps
-            ]
-            values = [factor * mean.value for mean in means]
-            low, high = (
-                [factor * (mean.value + sign * mean.half_width) for mean in means]
-                for sign in (-1, 1)
-            )
-            [line] = axis.plot(steps, values, label=method)
-            axis.fill_between(steps, low, high, color=line.get_color(), alpha=0.2, linewidth=0)
+            groups = ([row for row in own if int(row["step"]) == step] for step in steps)
+            means = np.array([over_seeds(group, column) for group in groups])
+            value, half = means.reshape(-1, 2).T
+            [line] = axis.plot(steps, factor * value, label=method)
+            band = factor * (value - half), factor * (value + half)
+            axis.fill_between(steps, *band, color=line.get_color(), alpha=0.2, linewidth=0)
         label_axes(axis, "decisions of training", label)
     handles, labels = axes[0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)

@@ -8,8 +8,6 @@ of this bound over the best opponent is paired by episode. The last column pools
 5 to 25 vehicles.
 """
 
-import argparse
-import time
 from contextlib import closing
 from typing import Any
 
@@ -17,19 +15,17 @@ import numpy as np
 
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.evaluation.provenance import made_by
 from drl_av.evaluation.statistics import gain
 from studies.options import FOLDER, RESULTS
 from studies.pivot import SPEED, Pivot, by_traffic, select
 from studies.study import FileStudy
+from verification.program import Program, run_program
 
 
 def main() -> None:
     """Print the largest possible gain in each kind of traffic, at each number of vehicles."""
-    argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    ).parse_args()
-    begun_s = time.monotonic()
+    parser = Program(__doc__)
+    parser.parse_args()
     study = FileStudy(FOLDER / "opponents.toml")
     pivot = Pivot(study, study.file["tables"]["opponents_gain"], RESULTS)
     columns = pivot.columns()
@@ -39,7 +35,7 @@ def main() -> None:
         with closing(HighwayEnv(config=Config().with_traffic(kind))) as env:
             gains = [most_to_gain(env, pivot, {"traffic": kind, **c}) for c in columns.values()]
         print(f"{kind:<14}" + "".join(f"{gain:>14}" for gain in gains))
-    print(made_by(time.monotonic() - begun_s))
+    print(parser.made_by())
 
 
 def most_to_gain(env: HighwayEnv, pivot: Pivot, where: dict[str, Any]) -> str:
@@ -65,4 +61,4 @@ def fastest_m_s(env: HighwayEnv, vehicles: int, seed: int) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main)

@@ -8,12 +8,12 @@ check. The episode ends at the end of the road, with a collision of the ego, or 
 SUMO's own drivers drive each story once, without a check.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.evaluate import evaluate
 from drl_av.evaluation.provenance import provenance, write_sidecar
 from drl_av.files import Row, require_writable, write_table
@@ -21,12 +21,8 @@ from studies.results import ResultsFolder, markdown_table
 from verification.program import Program, run_program
 
 STORIES = (
-    "stalled_vehicle",
-    "barricade",
-    "lane_drop",
-    "cut_in",
-    "fast_overtaker",
-    "two_into_one_lane",
+    *("stalled_vehicle", "barricade", "lane_drop"),
+    *("cut_in", "fast_overtaker", "two_into_one_lane"),
 )
 DRIVERS = ("idm", "idm-mobil", "gap-mobil", "pretrained")
 SUMO_DRIVERS = ("sumo", "sumo-tuned")
@@ -43,24 +39,14 @@ COLUMNS = (
 
 def drive(story: str, drivers: Sequence[str], check: str) -> list[dict[str, Any]]:
     """Drive one episode of a story with each driver, and return their rows of the table."""
-    results = evaluate(
-        drivers,
-        episodes=1,
-        config=SETTINGS,
-        scenario=story,
-        safety_check=check,
-    )
-    return [row(story, result) for result in results]
-
-
-def row(story: str, result: EpisodeResult) -> dict[str, Any]:
-    """Return the row of an episode."""
-    return {
-        "story": story,
-        **{name: getattr(result, name) for name in COLUMNS[1:]},
-        "mean_speed_m_s": round(result.mean_speed_m_s, 2),
-        "min_ttc_s": round(result.min_ttc_s, 2),
-    }
+    rows = []
+    for result in evaluate(
+        drivers, episodes=1, config=SETTINGS, scenario=story, safety_check=check
+    ):
+        found = {name: getattr(result, name) for name in COLUMNS[1:]}
+        rounded = {name: round(found[name], 2) for name in ("mean_speed_m_s", "min_ttc_s")}
+        rows.append({"story": story} | found | rounded)
+    return rows
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -68,24 +54,13 @@ def table(rows: Sequence[Row]) -> str:
 
     A cell holds the ego's mean speed, or the kind and the time, s, of its collision.
     """
-    cells: dict[tuple[str, str], dict[str, str]] = {}
-    for each in rows:
-        line = cells.setdefault((each["driver"], each["safety_check"]), {})
-        line[each["story"]] = cell(each)
-    names = ["driver", "check", *(f"`{story}`" for story in STORIES)]
-    return markdown_table(names, lines(cells))
-
-
-def lines(cells: dict[tuple[str, str], dict[str, str]]) -> Iterable[list[str]]:
-    """Yield the lines of the table from the cells of each driver and check, by story."""
-    for (driver, check), line in sorted(cells.items(), key=lambda item: order(*item[0])):
-        yield [f"`{driver}`", f"`{check}`", *(line.get(story, "") for story in STORIES)]
-
-
-def order(driver: str, check: str) -> tuple[int, int]:
-    """Return the sort key of a driver and a check in the table."""
-    checks = (*CHECKS, "none")
-    return (*DRIVERS, *SUMO_DRIVERS).index(driver), checks.index(check)
+    cells = {(each["driver"], each["safety_check"], each["story"]): cell(each) for each in rows}
+    lines = [
+        [f"`{driver}`", f"`{check}`", *(cells.get((driver, check, story), "") for story in STORIES)]
+        for driver, check in product((*DRIVERS, *SUMO_DRIVERS), (*CHECKS, "none"))
+        if any(key[:2] == (driver, check) for key in cells)
+    ]
+    return markdown_table(["driver", "check", *(f"`{story}`" for story in STORIES)], lines)
 
 
 def cell(each: Row) -> str:

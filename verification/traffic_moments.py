@@ -14,13 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.cli.options import int_at_least
 from drl_av.config import SINGLE_PRESETS, Config
-from drl_av.drivers.background.traffic import TrafficDrivers
+from drl_av.drivers.driver import Driver
+from drl_av.drivers.rule_based import SumoDriver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.rollout import rollout
 from drl_av.road.road import FloatArray, Road
-from drl_av.road.snapshot import EGO, Command, Snapshot
+from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario
-from drl_av.simulation.simulation import Simulation
 from drl_av.simulation.vehicle_calls import EgoModel
 from verification.program import Program, run_program
 
@@ -30,7 +31,6 @@ RANGE_M = 120.0
 SHORT_GAP_S = 1.3
 VEHICLES = (10, 15, 20, 25, 30, 35)
 TOLERANCE = 0.1
-IGNORED = Command(0.0, 0.0, 0.0)
 
 
 class Moments(NamedTuple):
@@ -82,8 +82,18 @@ def following(shot: Snapshot, road: Road) -> Following:
 
 def lanes(shot: Snapshot, road: Road) -> FloatArray:
     """Return the index of the lane that contains each vehicle's centre, shape (1 + N,)."""
-    found: FloatArray = np.floor(shot.y_m / road.lane_width_m + 0.5)
-    return found
+    return np.floor(shot.y_m / road.lane_width_m + 0.5)
+
+
+def lane_changes(shots: Sequence[Snapshot], road: Road) -> int:
+    """Return how often the vehicles besides the ego change lanes from one snapshot to the next."""
+    return int(np.count_nonzero(np.diff([lanes(shot, road)[1:] for shot in shots], axis=0)))
+
+
+def snapshots(env: HighwayEnv, driver: Driver, seed: int, vehicles: int) -> list[Snapshot]:
+    """Drive an episode; return the snapshots after the reset and after each decision."""
+    made = [*rollout(env, driver, seed, vehicles)]
+    return [made[0].scene.snapshot, *(decision.next_scene.snapshot for decision in made)]
 
 
 def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -> Moments:
@@ -93,42 +103,19 @@ def moments(config: Config, episodes: int, vehicles: Sequence[int] = VEHICLES) -
     speed = np.concatenate([shot.speed_m_s[1:] for episode in shots for shot in episode])
     columns = zip(*(following(shot, road) for episode in shots for shot in episode), strict=True)
     range_m, time_gap_s, relative_m_s = map(np.concatenate, columns)
-    changes = sum(
-        np.count_nonzero(np.diff([lanes(shot, road)[1:] for shot in episode], axis=0))
-        for episode in shots
-    )
+    changes = sum(lane_changes(episode, road) for episode in shots)
     driven_km = speed.sum() * config.simulation.decision_interval_s / 1000
-    p10_m, p50_m, p90_m = np.quantile(range_m, (0.1, 0.5, 0.9)).tolist()
-    return Moments(
-        speed_m_s=float(speed.mean()),
-        speed_sd_m_s=float(speed.std()),
-        median_time_gap_s=float(np.median(time_gap_s)),
-        share_below_1_3_s=float((time_gap_s < SHORT_GAP_S).mean()),
-        range_p10_m=p10_m,
-        range_p50_m=p50_m,
-        range_p90_m=p90_m,
-        relative_speed_sd_m_s=float(relative_m_s.std()),
-        lane_changes_per_km=float(changes / driven_km),
-    )
+    gaps = np.median(time_gap_s), (time_gap_s < SHORT_GAP_S).mean()
+    ranges_m = np.quantile(range_m, (0.1, 0.5, 0.9))
+    found = speed.mean(), speed.std(), *gaps, *ranges_m, relative_m_s.std(), changes / driven_km
+    return Moments(*map(float, found))
 
 
 def drive(config: Config, seed: int, vehicles: int) -> list[Snapshot]:
     """Drive an episode; return the snapshots after each decision, without the first 30."""
-    scenario = load_scenario(find_scenario(config.simulation.scenario))
-    drivers = TrafficDrivers(config, scenario.road, scenario.vehicle_types)
-    shots = []
-    with closing(Simulation(scenario, config)) as simulation:
-        shot = simulation.reset(seed, vehicles)
-        simulation.hand_over(EgoModel(overtake_right=config.traffic.overtake_right))
-        drivers.start(
-            simulation.fleet.driver_models, simulation.fleet.population.desired_speed_m_s, seed
-        )
-        for decision in range(config.simulation.decisions_per_episode):
-            commands = [IGNORED] * config.simulation.steps_per_decision
-            shot, _ = simulation.advance(commands, drivers(shot))
-            if decision >= WARM_UP_DECISIONS:
-                shots.append(shot)
-    return shots
+    driver = SumoDriver(EgoModel(overtake_right=config.traffic.overtake_right))
+    with closing(HighwayEnv(config=config)) as env:
+        return snapshots(env, driver, seed, vehicles)[1 + WARM_UP_DECISIONS :]
 
 
 def table(columns: dict[str, Moments]) -> str:
@@ -157,16 +144,11 @@ def main() -> None:
     """Drive each kind of traffic and print the table."""
     parser = Program(__doc__)
     parser.number("--episodes", 60, "for each kind of traffic")
-    parser.add_argument(
-        "--vehicles", type=int_at_least(2), nargs="+", default=VEHICLES, metavar="N"
-    )
+    parser.numbers("--vehicles", VEHICLES, low=2)
     parser.some("--traffic", SINGLE_PRESETS)
     options = parser.parse_args()
-    found = {
-        kind: moments(Config().with_traffic(kind), options.episodes, options.vehicles)
-        for kind in options.traffic
-    }
-    print(table(found))
+    size, kinds = (options.episodes, options.vehicles), options.traffic
+    print(table({kind: moments(Config().with_traffic(kind), *size) for kind in kinds}))
     print("* within 10 % of a measured number")
 
 

@@ -4,10 +4,9 @@ import numpy as np
 
 from drl_av.drivers.driver import Driver
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import rollout
 from drl_av.road.snapshot import EGO_ID, Snapshot
 from drl_av.simulation.simulation import Simulation
-from verification.traffic_moments import lanes
+from verification.traffic_moments import lane_changes, snapshots
 
 
 class TrafficTally:
@@ -25,14 +24,10 @@ class TrafficTally:
     def drive(self, driver: Driver, seed: int, vehicles: int) -> None:
         """Drive an episode and update the statistics."""
         self._colliding: set[str] = set()
-        scenes: list[Snapshot] = []
-        for decision in rollout(self._env, driver, seed, vehicles):
-            scenes += [decision.scene.snapshot] if not scenes else []
-            scenes.append(decision.next_scene.snapshot)
-        found = [lanes(shot, self._env.road)[1:] for shot in scenes]
-        self.speeds_m_s += [float(shot.speed_m_s[1:].mean()) for shot in scenes]
-        self.lane_changes += int(np.count_nonzero(np.diff(found, axis=0)))
-        self.vehicle_decisions += (len(scenes) - 1) * vehicles
+        shots = snapshots(self._env, driver, seed, vehicles)
+        self.speeds_m_s += [float(shot.speed_m_s[1:].mean()) for shot in shots]
+        self.lane_changes += lane_changes(shots, self._env.road)
+        self.vehicle_decisions += (len(shots) - 1) * vehicles
         self.colliding += len(self._colliding)
 
     def after_step(self, shot: Snapshot) -> None:

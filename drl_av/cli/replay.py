@@ -174,8 +174,12 @@ def _written(options: argparse.Namespace) -> list[Path | None]:
 def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     """Return the episode to drive, two for one page, or ten of a table with ``--sheet``."""
     from drl_av.evaluation.recording import load_recording
-    from drl_av.evaluation.replay import replay_session, require_same_traffic
-    from drl_av.evaluation.worst import ON_A_SHEET, worst_sessions
+    from drl_av.evaluation.replay import (
+        ON_A_SHEET,
+        replay_session,
+        require_same_traffic,
+        worst_sessions,
+    )
 
     custom = custom_parts(options)
     tables = [word for word in options.source if Path(word).suffix == ".csv"]
@@ -268,7 +272,7 @@ def _show(
 
 
 def _draw_sheet(options: argparse.Namespace, sessions: "Sequence[ReplaySession]") -> int:
-    from drl_av.evaluation.worst import contact_sheet
+    from drl_av.evaluation.replay import contact_sheet
     from drl_av.files import write_atomic
 
     write_atomic(options.sheet, contact_sheet(sessions, options.worst))

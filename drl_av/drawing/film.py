@@ -178,11 +178,7 @@ def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
     images = [_indexed(_first(frames, path)), *map(_indexed, frames)]
     with _encoding(path):
         images[0].save(
-            temporary,
-            save_all=True,
-            append_images=images[1:],
-            duration=round(1000 / fps),
-            loop=0,
+            temporary, save_all=True, append_images=images[1:], duration=round(1000 / fps), loop=0
         )
     return len(images)
 

@@ -135,10 +135,7 @@ class LearnedDriver(Driver):
     """
 
     def __init__(
-        self,
-        values: Values,
-        lane_change_margin: float = 0.0,
-        permission: Permission | None = None,
+        self, values: Values, lane_change_margin: float = 0.0, permission: Permission | None = None
     ) -> None:
         self.values, self.lane_change_margin = values, lane_change_margin
         self._permission = permission

@@ -29,7 +29,7 @@ from drl_av.road.road_numbers import (
     may_cross,
     road_numbers,
 )
-from drl_av.road.snapshot import EGO, Snapshot
+from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 
 IntArray = npt.NDArray[np.int64]
 
@@ -211,12 +211,7 @@ NO_VEHICLE = -1
 
 @borrowing
 def indicators(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
+    scene: Vehicles,
     road: RoadNumbers,
     range_m: float,
     values: FloatArray,
@@ -225,10 +220,11 @@ def indicators(
 ) -> None:
     """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
 
-    The first six arrays are those of a snapshot, shape (1 + N,), the ego first. The function fills
-    ``values``, shape (30,), and ``codes``, shape (10,), which ``Indicators`` describes. They are
-    those of the ego, or of another vehicle in its place, whose row is ``viewer``.
+    ``scene`` is ``Snapshot.arrays``. The function fills ``values``, shape (30,), and ``codes``,
+    shape (10,), which ``Indicators`` describes. They are those of the ego, or of another vehicle in
+    its place, whose row is ``viewer``.
     """
+    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
     lane = lane_of(y_m[viewer], road.lane_width_m)
     own_m = lane * road.lane_width_m
     right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
@@ -332,7 +328,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     """
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     numbers = road_numbers(road)
-    indicators.fast(*snapshot.arrays, numbers, float(range_m), values, codes, EGO)
+    indicators.fast(snapshot.arrays, numbers, float(range_m), values, codes, EGO)
     ground, limits = ground_of(numbers), numbers.speed_limits
     return affordances_of(Indicators(values, codes, ground, range_m, limits), road)
 

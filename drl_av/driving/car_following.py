@@ -12,8 +12,8 @@ import math
 from typing import Any, NamedTuple, TypeVar
 
 from drl_av.compiled import squared
-from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
-from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, Longitudinal, acceleration_of
+from drl_av.config import EgoConfig, MobilConfig
+from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, acceleration_of
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.road.road import FloatArray
 from drl_av.road.road_numbers import allowed_speed_in
@@ -108,27 +108,6 @@ def time_gap_acceleration(
     return (ego.acc_gap_gain_per_s * spare_m - closing_m_s) / headway_s
 
 
-def reference_speeds(
-    affordances: Affordances, action: Longitudinal, ego: EgoConfig, simulation: SimulationConfig
-) -> list[float]:
-    """Return the ego's speed at the end of each SUMO step of a decision, in [0, max_speed_m_s].
-
-    A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
-    ahead keeps its speed. This acceleration is limited to the range of the ego's actions. The ego
-    is never faster than it would be with the constant acceleration of the same action. On a road
-    whose speed limit varies it keeps the limits here and ahead, as far as hard braking permits.
-    """
-    speed, front = affordances.ego_speed_m_s, affordances.own_front
-    gap_m, front_m_s = (
-        (math.inf, speed) if front is None else (front.gap_m, speed + front.relative_speed_m_s)
-    )
-    speeds = [0.0] * simulation.steps_per_decision
-    set_speeds(speeds, speed, gap_m, front_m_s, action, ego, simulation.step_length_s)
-    limits = affordances.arrays().speed_limits
-    keep_limits(speeds, speed, limits, affordances.lane, 0.0, ego, simulation.step_length_s)
-    return speeds
-
-
 def keep_limits(
     speeds: Any,
     speed_m_s: float,
@@ -158,7 +137,11 @@ def set_speeds(
     ego: EgoConfig | EgoNumbers,
     step_s: float,
 ) -> None:
-    """Set ``speeds`` to the ego's speeds at the end of each SUMO step, as ``reference_speeds``.
+    """Set ``speeds`` to the ego's speed at the end of each SUMO step, in [0, max_speed_m_s].
+
+    A model (IDM or ACC) computes a new acceleration at each SUMO step, and assumes that the vehicle
+    ahead keeps its speed. This acceleration is limited to the range of the ego's actions. The ego
+    is never faster than it would be with the constant acceleration of the same action.
 
     ``speeds`` is a list, or an array of shape (steps,). ``gap_m`` and ``front_m_s`` are the gap to
     the vehicle ahead and its speed; without such a vehicle, they are inf and the ego's speed.
@@ -194,9 +177,6 @@ def model_acceleration(
     if ego.has_acc:
         return acc_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, ego)
     idm = Idm(
-        ego.reference_headway_s,
-        ego.reference_standstill_gap_m,
-        ego.accelerate_m_s2,
-        ego.brake_m_s2,
+        ego.reference_headway_s, ego.reference_standstill_gap_m, ego.accelerate_m_s2, ego.brake_m_s2
     )
     return idm_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, idm)

@@ -57,11 +57,7 @@ class Scene:
 
     @classmethod
     def of(
-        cls,
-        snapshot: Snapshot,
-        indicators: Indicators,
-        lane_change: LaneChange | None,
-        road: Road,
+        cls, snapshot: Snapshot, indicators: Indicators, lane_change: LaneChange | None, road: Road
     ) -> "Scene":
         """Return the scene on ``road`` whose indicators are known as arrays."""
         scene = cls.__new__(cls)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from drl_av.compiled import compiled
 from drl_av.driving.affordances import ROUTE_SCALE_M
-from drl_av.road.road import FloatArray, Road
+from drl_av.road.road import Road
 from drl_av.road.road_numbers import (
     RoadNumbers,
     is_beside,
@@ -21,7 +21,7 @@ from drl_av.road.road_numbers import (
     mandatory_change,
     road_numbers,
 )
-from drl_av.road.snapshot import EGO, Snapshot
+from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 
 AHEAD, BEHIND = 4, 2
 """Number of vehicles in each lane, ahead of the ego and behind it."""
@@ -70,12 +70,7 @@ MOST = 6.0
 
 @compiled
 def wide_observation(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
+    scene: Vehicles,
     road: RoadNumbers,
     range_m: float,
     max_speed_m_s: float,
@@ -85,9 +80,10 @@ def wide_observation(
 ) -> None:
     """Fill ``observation``, shape (WIDE_SIZE,), with the numbers that ``WIDE_NAMES`` describes.
 
-    The first six arrays are those of a snapshot, shape (1 + N,), the ego first. ``origin`` and
-    ``target`` are the lanes of the lane change in progress, equal if there is none.
+    ``scene`` is ``Snapshot.arrays``. ``origin`` and ``target`` are the lanes of the lane change in
+    progress, equal if there is none.
     """
+    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
     width, lap_m, own = road.lane_width_m, road.lap_m, lane_of(y_m[EGO], road.lane_width_m)
     ego_s_m, ego_speed, front_m = s_m[EGO], speed_m_s[EGO], s_m[EGO] + length_m[EGO] / 2
     gaps_m = np.full((5, SLOTS_OF_A_LANE), np.inf)
@@ -157,11 +153,7 @@ def limited(number: float) -> float:
 
 
 def observe_wide(
-    snapshot: Snapshot,
-    road: Road,
-    range_m: float,
-    max_speed_m_s: float,
-    change: tuple[int, int],
+    snapshot: Snapshot, road: Road, range_m: float, max_speed_m_s: float, change: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
     """Return the wide observation of a snapshot, shape (WIDE_SIZE,), float32.
 
@@ -169,5 +161,5 @@ def observe_wide(
     """
     observation = np.zeros(WIDE_SIZE, np.float32)
     numbers = road_numbers(road), float(range_m), float(max_speed_m_s)
-    wide_observation(*snapshot.arrays, *numbers, *change, observation)
+    wide_observation(snapshot.arrays, *numbers, *change, observation)
     return observation

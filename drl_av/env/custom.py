@@ -60,8 +60,7 @@ def custom_reward_of(given: str | RewardFunction) -> RewardFunction:
     """
     found = import_function(given, "reward") if isinstance(given, str) else given
     require_function(found, "reward" if found is given else f"The reward {given!r}", "transition")
-    reward: RewardFunction = found
-    return reward
+    return found
 
 
 def custom_observation_of(given: Any) -> Any:

@@ -24,11 +24,7 @@ from drl_av.twin.worlds import (
 
 
 def copy_episode(
-    twin: TwinVectorEnv,
-    traffic: TrafficSetup,
-    scene: Scene,
-    seed: int,
-    decisions: int,
+    twin: TwinVectorEnv, traffic: TrafficSetup, scene: Scene, seed: int, decisions: int
 ) -> None:
     """Let the first world of ``twin`` go on from a scene after ``decisions`` decisions.
 

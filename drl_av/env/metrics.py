@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from drl_av.driving.actions import Longitudinal
@@ -171,29 +171,20 @@ class EpisodeMetrics:
 
     def result(self, driver: str, safety_check: str, vehicles: int, seed: int) -> EpisodeResult:
         """Return the table's row for the episode: the four arguments and the metrics."""
-        return EpisodeResult(
-            driver=driver,
-            safety_check=safety_check,
-            vehicles=vehicles,
-            seed=seed,
-            decisions=self.decisions,
-            mean_speed_m_s=self.mean_speed_m_s,
-            mean_reward=self.mean_reward,
-            mean_r_v=_mean([terms.r_v for terms in self._terms]),
-            mean_r_y=_mean([terms.r_y for terms in self._terms]),
-            mean_r_x=_mean([terms.r_x for terms in self._terms]),
-            collided=self.collided,
-            ego_hit=self.ego_hit,
-            collision="" if self.collision is None else self.collision.kind.value,
-            safety_triggers=self.safety_triggers,
-            lane_changes=self.lane_changes,
-            aborted_lane_changes=self.aborted_lane_changes,
-            min_ttc_s=self.min_ttc_s,
-            min_headway_s=self.min_headway_s,
-            hard_brakes=self.hard_brakes,
-            d_safe_violations=self.d_safe_violations,
-            way=self.way,
-        )
+        found: dict[str, Any] = {"driver": driver, "safety_check": safety_check, "seed": seed}
+        found |= {"vehicles": vehicles, **self.columns(EpisodeResult)}
+        found["collision"] = "" if self.collision is None else self.collision.kind.value
+        for name in Rewards._fields:
+            found[f"mean_{name}"] = _mean([getattr(terms, name) for terms in self._terms])
+        return EpisodeResult(**found)
+
+    def columns(self, kind: type[EpisodeResult]) -> dict[str, Any]:
+        """Return the columns of ``kind`` that are attributes of the same name, with their values.
+
+        An attribute that is None is none of them.
+        """
+        values = {item.name: getattr(self, item.name, None) for item in fields(kind)}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -164,11 +164,7 @@ def desired_values(
 
 
 def lane_speed(
-    values: FloatArray,
-    codes: IntArray,
-    sign: int,
-    config: RewardNumbers,
-    safety: SafetyNumbers,
+    values: FloatArray, codes: IntArray, sign: int, config: RewardNumbers, safety: SafetyNumbers
 ) -> float:
     """Return the ``attainable_speed`` of the own (0), left (+1) or right (-1) lane, m/s.
 

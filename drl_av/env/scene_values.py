@@ -11,7 +11,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import RewardNumbers, Rewards, reward_numbers, reward_terms
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.road_numbers import RoadNumbers, road_numbers
-from drl_av.road.snapshot import Snapshot
+from drl_av.road.snapshot import Snapshot, Vehicles
 from drl_av.safety.paper import SafetyNumbers
 
 Observation = npt.NDArray[np.float32]
@@ -34,7 +34,7 @@ class SceneValues:
         values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
         observation = np.empty(27, np.float32)
         terms = compute_values.fast(
-            *snapshot.arrays,
+            snapshot.arrays,
             self._numbers,
             self._range_m,
             *self._scale,
@@ -51,12 +51,7 @@ class SceneValues:
 
 @borrowing
 def compute_values(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
+    scene: Vehicles,
     road: RoadNumbers,
     range_m: float,
     offset: FloatArray,
@@ -70,20 +65,10 @@ def compute_values(
 ) -> tuple[float, float, float]:
     """Fill ``values`` and ``codes`` (``indicators``) and ``observation``; return the reward terms.
 
-    ``offset``, ``scale`` and ``bounds`` are those of ``ObservationScale``, shape (27,).
+    ``scene`` is ``Snapshot.arrays``. ``offset``, ``scale`` and ``bounds`` are those of
+    ``ObservationScale``, shape (27,).
     """
-    indicators(
-        s_m,
-        y_m,
-        speed_m_s,
-        lateral_speed_m_s,
-        length_m,
-        width_m,
-        road,
-        range_m,
-        values,
-        codes,
-    )
+    indicators(scene, road, range_m, values, codes)
     scale_into(values, offset, scale, bounds, observation)
     terms: tuple[float, float, float] = reward_terms(
         values, codes, road.lane_width_m, reward, safety

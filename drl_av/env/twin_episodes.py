@@ -183,20 +183,12 @@ def decide_all(
 def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
     loop, scene, plan, lanes = task.loop, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
+    seen, going = (episodes.values[w], episodes.codes[w]), episodes.executed[w, action]
+    begun = lanes[0], lanes[1], episodes.heading_rad[w]
+    into = plan[0], plan[1], plan[2]
+    limits, front_m = task.road.speed_limits, episodes.values[w, FRONT]
     origin, target, heading_rad = plan_into(
-        episodes.values[w],
-        episodes.codes[w],
-        episodes.executed[w, action],
-        lanes[0],
-        lanes[1],
-        episodes.heading_rad[w],
-        loop.lane_m,
-        task.road.speed_limits,
-        episodes.values[w, FRONT],
-        task.ego,
-        plan[0],
-        plan[1],
-        plan[2],
+        *seen, going, *begun, loop.lane_m, limits, front_m, task.ego, *into
     )
     let_events_happen(world, episodes, w)
     if world.near[DRIVER_COUNT]:
@@ -239,15 +231,8 @@ def advance(
     sumo_step(world, loop, speed_m_s, y_m)
     read_scene(world, loop, scene)
     scene[3, 0] = lateral_speed_m_s
-    row, kind, _ = swept_collision(
-        before[0][:n],
-        before[1][:n],
-        scene[0][:n],
-        scene[1][:n],
-        scene[4][:n],
-        scene[5][:n],
-        loop.lap_m,
-    )
+    moved, bodies = (scene[0][:n], scene[1][:n]), (scene[4][:n], scene[5][:n])
+    row, kind, _ = swept_collision(before[0][:n], before[1][:n], *moved, *bodies, loop.lap_m)
     return kind, row
 
 
@@ -278,25 +263,10 @@ def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
 def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     """Compute indicators, observation, reward terms and verdicts of the present scene."""
     scene, values, codes = episodes.scene[w], episodes.values[w], episodes.codes[w]
-    s_m, y_m, speed_m_s = scene[0][:n], scene[1][:n], scene[2][:n]
-    lateral_m_s, length_m, width_m = scene[3][:n], scene[4][:n], scene[5][:n]
+    state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
+    given = task.offset, task.scale, task.bounds, task.reward, task.safety
     r_v, r_y, r_x = compute_values(
-        s_m,
-        y_m,
-        speed_m_s,
-        lateral_m_s,
-        length_m,
-        width_m,
-        task.road,
-        task.range_m,
-        task.offset,
-        task.scale,
-        task.bounds,
-        task.reward,
-        task.safety,
-        values,
-        codes,
-        episodes.observation[w],
+        state, task.road, task.range_m, *given, values, codes, episodes.observation[w]
     )
     episodes.terms[w, 0], episodes.terms[w, 1], episodes.terms[w, 2] = r_v, r_y, r_x
     executed, rules = episodes.executed[w], episodes.rules[w]
@@ -304,25 +274,9 @@ def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     if task.check == PAPER:
         paper_verdicts(values, codes, origin, target, task.safety, executed, rules)
     elif task.check == STRICT:
-        strict_verdicts(
-            s_m,
-            y_m,
-            speed_m_s,
-            lateral_m_s,
-            length_m,
-            width_m,
-            codes,
-            origin,
-            target,
-            task.loop.lap_m,
-            task.loop.lane_m,
-            task.road.barriers,
-            values[FRONT],
-            task.strict,
-            task.ego,
-            executed,
-            rules,
-        )
+        ground = task.loop.lap_m, task.loop.lane_m, task.road.barriers, values[FRONT]
+        lanes = (origin, target)
+        strict_verdicts(state, codes, lanes, ground, task.strict, task.ego, executed, rules)
     else:
         for number in range(12):
             executed[number], rules[number] = number, 0

@@ -19,13 +19,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
-from drl_av.env.twin_episodes import (
-    CHECK_NUMBERS,
-    decide_all,
-    empty_episodes,
-    look_all,
-    task_of,
-)
+from drl_av.env.twin_episodes import CHECK_NUMBERS, decide_all, empty_episodes, look_all, task_of
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import Snapshot

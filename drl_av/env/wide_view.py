@@ -31,21 +31,10 @@ def look_wide(
     ``permitted``, shape (worlds, 12), is True for all.
     """
     for w in rows:
-        n, scene = count[w], episodes.scene[w]
-        wide_observation(
-            scene[0, :n],
-            scene[1, :n],
-            scene[2, :n],
-            scene[3, :n],
-            scene[4, :n],
-            scene[5, :n],
-            task.road,
-            task.range_m,
-            task.ego.max_speed_m_s,
-            episodes.lanes[w, 0],
-            episodes.lanes[w, 1],
-            observation[w, :WIDE_SIZE],
-        )
+        n, scene, lanes = count[w], episodes.scene[w], episodes.lanes[w]
+        state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
+        ground = task.road, task.range_m, task.ego.max_speed_m_s
+        wide_observation(state, *ground, lanes[0], lanes[1], observation[w, :WIDE_SIZE])
         some = False
         for action in range(12):
             is_permitted = episodes.executed[w, action] == action

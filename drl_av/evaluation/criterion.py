@@ -181,13 +181,13 @@ def share_difference(ours: tuple[int, int], theirs: tuple[int, int]) -> Interval
 
     Each argument is a number of episodes with an event and the number of all episodes.
     """
-    (p, low, high), (q, their_low, their_high) = (_wilson(*count) for count in (ours, theirs))
+    (p, low, high), (q, their_low, their_high) = (wilson(*count) for count in (ours, theirs))
     below = math.hypot(p - low, their_high - q)
     above = math.hypot(high - p, q - their_low)
     return Interval(p - q, p - q - below, p - q + above)
 
 
-def _wilson(events: int, number: int) -> tuple[float, float, float]:
+def wilson(events: int, number: int) -> tuple[float, float, float]:
     """Return a share and the ends of its 95 % interval (Wilson 1927)."""
     p, z2 = events / number, Z_95**2
     center = (p + z2 / (2 * number)) / (1 + z2 / number)

@@ -244,21 +244,13 @@ class CriticalityMetrics(EpisodeMetrics):
         """Return the table's row for the episode: the four arguments and the metrics."""
         motions = self.motions or [Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)]
         jerks = [abs(motion.j_x_m_s3) for motion in motions]
+        found = self.columns(CriticalityResult)
         return CriticalityResult(
-            **vars(super().result(driver, safety_check, vehicles, seed)),
-            driven_m=self.driven_m,
+            **found | vars(super().result(driver, safety_check, vehicles, seed)),
             mean_abs_jerk_m_s3=sum(jerks) / len(jerks),
             max_abs_jerk_m_s3=max(jerks),
             max_abs_lateral_acceleration_m_s2=max(abs(each.a_y_m_s2) for each in motions),
             comfortable_decisions=sum(motion.comfortable for motion in self.motions),
-            reversals=self.reversals,
-            tet_s=self.tet_s,
-            tit_s2=self.tit_s2,
-            max_drac_m_s2=self.max_drac_m_s2,
-            min_pet_s=self.min_pet_s,
-            short_headways=self.short_headways,
-            forced_brakes=self.forced_brakes,
-            max_forced_braking_m_s2=self.max_forced_braking_m_s2,
         )
 
 
@@ -269,14 +261,11 @@ def _velocity(snapshot: Snapshot) -> tuple[float, float, float]:
 
 
 def _track(snapshots: list[Snapshot], rows: list[int]) -> Track:
-    pairs = list(zip(snapshots, rows, strict=True))
-    return Track(
-        np.array([shot.time_s for shot in snapshots]),
-        np.array([shot.s_m[row] for shot, row in pairs]),
-        np.array([shot.y_m[row] for shot, row in pairs]),
-        np.array([shot.length_m[row] for shot, row in pairs]),
-        np.array([shot.width_m[row] for shot, row in pairs]),
-    )
+    states = [
+        (shot.time_s, shot.s_m[row], shot.y_m[row], shot.length_m[row], shot.width_m[row])
+        for shot, row in zip(snapshots, rows, strict=True)
+    ]
+    return Track(*np.array(states).reshape(-1, 5).T)
 
 
 class Style(NamedTuple):

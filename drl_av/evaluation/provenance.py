@@ -43,7 +43,12 @@ def provenance(config: Config, **facts: Any) -> dict[str, Any]:
 
 
 def _version(package: str) -> str:
-    """Return the version of a package, or "not installed", as torch may be."""
+    """Return the version of a package, or "not installed", as torch may be.
+
+    That of drl-av is the code's: an editable installation keeps the version of its day.
+    """
+    if package == "drl-av":
+        return str(sys.modules["drl_av"].__version__)
     try:
         return version(package)
     except PackageNotFoundError:

@@ -120,11 +120,6 @@ class PairedGain(NamedTuple):
     difference_m_s: Mean
     """The driver's speed minus the baseline's in the same traffic; positive if it is faster."""
 
-    @property
-    def lower_m_s(self) -> float:
-        """Lower end of the 95 % confidence interval of the gain, m/s."""
-        return self.difference_m_s.value - self.difference_m_s.half_width
-
     def row(self) -> Row:
         """Return the gain as a row of ``paired.csv``: text values by column."""
         mean, half = self.difference_m_s

@@ -1,7 +1,6 @@
 """Functions that write files atomically, and that read and write CSV tables."""
 
 from drl_av.files.atomic import (
-    append,
     make_folder,
     replacing,
     require_suffix,
@@ -28,7 +27,6 @@ __all__ = [
     "PlainNumber",
     "PossiblyInfinite",
     "Row",
-    "append",
     "append_rows",
     "column_types",
     "make_folder",

@@ -58,41 +58,25 @@ def write_atomic(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) 
         temporary.write_bytes(data)
 
 
-def append(path: Path, data: bytes, error: type[DrlAvError] = DrlAvError) -> None:
-    """Append ``data`` to a file; create the file if it is missing.
+def append_lines(path: Path, lines: bytes, header: bytes) -> None:
+    """Append ``lines`` to a file; write ``header`` first if the file is missing or empty.
 
-    If the process is killed during the call, the file may contain only the first part of ``data``.
-
-    Raises:
-        error: the disk is full, or the file or its folder is not writable; ``error`` is its class.
-    """
-    try:
-        with path.open("ab") as file:
-            file.write(data)
-    except OSError as refusal:
-        raise _refused(path, refusal, error) from refusal
-
-
-def remove_cut_line(path: Path, error: type[DrlAvError] = DrlAvError) -> None:
-    """Remove the last line of a file if it does not end with a line feed.
-
-    If the file is missing, nothing happens.
+    A last line without a line feed is removed first. If the process is killed during the call, the
+    file may contain only the first part of ``lines``.
 
     Raises:
-        error: the file is not writable; ``error`` is its class.
+        DrlAvError: the disk is full, or the file or its folder is not writable.
     """
     try:
-        with path.open("rb+") as file:
-            if not file.seek(0, os.SEEK_END):
-                return
-            file.seek(-1, os.SEEK_END)
-            if file.read() != b"\n":
-                file.seek(0)
-                file.truncate(file.read().rfind(b"\n") + 1)
-    except FileNotFoundError:
-        return
+        with path.open("ab+") as file:
+            if end := file.seek(0, os.SEEK_END):
+                file.seek(-1, os.SEEK_END)
+                if file.read() != b"\n":
+                    file.seek(0)
+                    end = file.truncate(file.read().rfind(b"\n") + 1)
+            file.write(lines if end else header + lines)
     except OSError as refusal:
-        raise _refused(path, refusal, error) from refusal
+        raise _refused(path, refusal, DrlAvError) from refusal
 
 
 def make_folder(folder: Path, option: str) -> None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 from drl_av.errors import DrlAvError
-from drl_av.files.atomic import append, remove_cut_line, write_atomic
+from drl_av.files.atomic import append_lines, write_atomic
 
 Row = dict[str, str]
 """A row of a CSV file; each value is text, the key is its column."""
@@ -71,30 +71,24 @@ def table_bytes(columns: Columns, rows: Iterable[Any] = (), *, header: bool = Tr
     return text.getvalue().encode()
 
 
-def write_table(
-    path: Path, columns: Columns, rows: Iterable[Any], error: type[DrlAvError] = DrlAvError
-) -> None:
+def write_table(path: Path, columns: Columns, rows: Iterable[Any]) -> None:
     """Write a CSV file atomically: it has the new rows, or stays unchanged if an error is raised.
 
     Raises:
-        error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
+        DrlAvError: the disk is full, or the folder is missing or not writable.
     """
-    write_atomic(path, table_bytes(columns, rows), error)
+    write_atomic(path, table_bytes(columns, rows))
 
 
-def append_rows(
-    path: Path, columns: Columns, rows: Iterable[Any], error: type[DrlAvError] = DrlAvError
-) -> None:
+def append_rows(path: Path, columns: Columns, rows: Iterable[Any]) -> None:
     """Append rows to a CSV file; write its header first if the file is missing or empty.
 
     An incomplete last line, left by a process that was killed, is removed first.
 
     Raises:
-        error: the disk is full, or the file or its folder is not writable; ``error`` is its class.
+        DrlAvError: the disk is full, or the file or its folder is not writable.
     """
-    remove_cut_line(path, error)
-    new = not path.exists() or not path.stat().st_size
-    append(path, table_bytes(columns, rows, header=new), error)
+    append_lines(path, table_bytes(columns, rows, header=False), table_bytes(columns))
 
 
 def read_table(

@@ -2,19 +2,186 @@
 
 The learner is MaskablePPO of sb3-contrib: proximal policy optimization (Schulman et al. 2017,
 arXiv:1707.06347) with generalized advantages (Schulman et al. 2016, arXiv:1506.02438) and masked
-actions (Huang and Ontanon 2022, arXiv:2006.14171).
+actions (Huang and Ontanon 2022, arXiv:2006.14171). Its worlds are episodes in the twin, seen wide
+and paid for speed.
 """
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
 
 from drl_av.config import Config
+from drl_av.config.learning import SPAN_M_S
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.masked_policy import KIND
 from drl_av.drivers.policy_file import save
+from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
+from drl_av.driving.wide_observation import MOST, WIDE_SIZE
+from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.env.wide_view import look_wide
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.files import append_rows, table_bytes
+from drl_av.twin.worlds import COUNT, IntArray
+
+Float32Array = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+SIDES = np.array(SIGNS)
+MIDDLE_M_S = 20.0
+"""The speed that earns nothing."""
+VALUE_SCALE = 10.0
+
+
+class Part:
+    """The worlds of one kind of traffic, and what their rewards need of the decision before."""
+
+    def __init__(self, rows: slice, config: Config, seed: int) -> None:
+        self.rows, self._costs = rows, config.ppo
+        self.env = TwinVectorEnv(
+            rows.stop - rows.start, config=config, autoreset_mode=AutoresetMode.DISABLED, threads=2
+        )
+        self.env.reset(seed=seed + rows.start)
+        self._trend = np.zeros(self.env.num_envs, np.int64)
+
+    def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
+        """Execute one action in each world; return the rewards, and which egos hit and are late."""
+        env, costs, (origin, target) = self.env, self._costs, self.env.episodes.lanes.T.copy()
+        before_m_s = env.episodes.scene[:, 2].copy()
+        _, _, terminated, truncated, info = env.step(action)
+        executed, speed, values = info["executed_action"], info["speed_m_s"], env.episodes.values
+        reward = (speed - MIDDLE_M_S) / SPAN_M_S
+        aborts = (origin != target) & (SIDES[executed // 4] == origin - target)
+        change = speed - before_m_s[:, 0]
+        trend = np.sign(change) * (np.abs(change) > CHANGE_M_S)
+        reversals = trend * self._trend < 0
+        self._trend = np.where(trend == 0, self._trend, trend).astype(np.int64)
+        has_front, rear = env.episodes.codes[:, 0] > 0, np.maximum(env.episodes.codes[:, 1], 0)
+        is_short = has_front & (values[:, 0] < SHORT_HEADWAY_S * speed) & (speed > CRAWLING_M_S)
+        changing = (origin != target) | (env.episodes.lanes[:, 0] != env.episodes.lanes[:, 1])
+        worlds = np.arange(env.num_envs)
+        braking = before_m_s[worlds, rear] - env.episodes.scene[worlds, 2, rear]
+        forced = changing & (rear > 0) & (braking > FORCED_M_S2)
+        reward -= costs.abort_cost * aborts + costs.reversal_cost * reversals
+        reward -= costs.hard_brake_cost * (executed % 4 == HARD_BRAKE)
+        reward -= costs.short_headway_cost * is_short + costs.forced_brake_cost * forced
+        reward -= costs.collision_cost * terminated
+        return reward.astype(np.float32), terminated, truncated & ~terminated
+
+    def begin_anew(self, worlds: Flags) -> None:
+        """Begin a new episode in some worlds, bool of shape (worlds,)."""
+        if worlds.any():
+            self.env.reset(options={"reset_mask": worlds})
+            self._trend[worlds] = 0
+
+
+class TwinWorlds(VecEnv):
+    """W worlds in the twin, divided evenly among the kinds of traffic of ``traffic.presets``.
+
+    The observation is the wide observation, then the mask of the safety check. The reward is the
+    speed less costs, times ``VALUE_SCALE`` (1 - discount), so that the size of the value does not
+    depend on the discount. Episodes begin at different times.
+
+    Raises:
+        ConfigError: the twin cannot do what the settings ask.
+    """
+
+    SIZE = WIDE_SIZE + len(ACTIONS)
+    """Number of inputs of the policy."""
+    PART = Part
+    """What drives the worlds of one kind of traffic, and pays for it."""
+
+    def __init__(self, config: Config, seed: int) -> None:
+        count = config.ppo.worlds
+        super().__init__(count, Box(-MOST, MOST, (self.SIZE,)), Discrete(len(ACTIONS)))
+        self.observation = np.zeros((count, self.SIZE), np.float32)
+        self.permitted = np.zeros((count, len(ACTIONS)), np.bool_)
+        self.collisions = 0
+        """Episodes so far that ended with a collision."""
+        self._scale = VALUE_SCALE * (1.0 - config.ppo.discount)
+        kinds = self.kinds(config)
+        ends = np.rint(np.linspace(0, count, len(kinds) + 1)).astype(int).tolist()
+        self.parts = [
+            self.PART(slice(first, last), kind, seed)
+            for first, last, kind in zip(ends[:-1], ends[1:], kinds, strict=True)
+        ]
+        self._action = np.zeros(count, np.int64)
+        rng = np.random.default_rng(seed)
+        for part in self.parts:
+            most = config.simulation.decisions_per_episode
+            begins = rng.integers(0, most, part.env.num_envs)
+            for decision in range(most):
+                _, hit, late = part.step(np.zeros(part.env.num_envs, np.int64))
+                part.begin_anew(hit | late | (begins == decision))
+            self.look(part, np.arange(part.env.num_envs))
+
+    def kinds(self, config: Config) -> list[Config]:
+        """Return the settings of which each drives an equal part of the worlds."""
+        return config.per_traffic_preset
+
+    def look(self, part: Part, worlds: IntArray) -> None:
+        """Update the observations and the masks of some worlds of one part."""
+        env = part.env
+        seen = self.observation[part.rows], self.permitted[part.rows]
+        look_wide(env.episodes, env.task, worlds, env.worlds.near[:, COUNT].copy(), *seen)
+
+    def reset(self) -> Float32Array:
+        """Return the present observations, shape (W, S); the episodes go on."""
+        return self.observation.copy()
+
+    def step_async(self, actions: IntArray) -> None:
+        """Remember one action for each world, shape (W,)."""
+        self._action = actions
+
+    def step_wait(self) -> tuple[Float32Array, Float32Array, Flags, list[dict[str, Any]]]:
+        """Execute the actions; an episode that ends is followed by a new one."""
+        rewards, dones = np.zeros(self.num_envs, np.float32), np.zeros(self.num_envs, np.bool_)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for part in self.parts:
+            rows, first = part.rows, part.rows.start
+            reward, hit, late = part.step(self._action[rows])
+            rewards[rows] = reward * self._scale
+            self.collisions += int(hit.sum())
+            self.look(part, np.arange(part.env.num_envs))
+            dones[rows] = hit | late
+            for row in np.flatnonzero(dones[rows]).tolist():
+                last = self.observation[first + row].copy()
+                infos[first + row] = {
+                    "terminal_observation": last,
+                    "TimeLimit.truncated": bool(late[row]),
+                }
+            part.begin_anew(dones[rows])
+            self.look(part, np.flatnonzero(dones[rows]))
+        return self.observation.copy(), rewards, dones, infos
+
+    def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:
+        """Return the rows of ``action_masks``, the only method."""
+        return [*self.permitted.copy()]
+
+    def has_attr(self, attr_name: str) -> bool:
+        """Whether the worlds have this attribute: ``action_masks`` only."""
+        return attr_name == "action_masks"
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return None for each world: there is nothing to draw."""
+        return [None] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Do nothing."""
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Return False for each world."""
+        return [False] * self.num_envs
+
+    def close(self) -> None:
+        """Do nothing."""
+
 
 try:
     import torch
@@ -22,7 +189,7 @@ try:
     from stable_baselines3.common.logger import Logger
     from torch import nn
 
-    from drl_av.learning.twin_worlds import TwinWorlds
+    from drl_av.learning.large_scale import TwinWorlds
 except ImportError as error:
     raise DrlAvError(
         "Training at scale needs sb3-contrib, which is not installed: pip install 'drl-av[train]'."

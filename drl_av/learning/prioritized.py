@@ -72,8 +72,7 @@ class SumTree:
 
 def _below(values: Numbers, end: Numbers) -> Numbers:
     """Limit values to the largest float below ``end``, which they may have reached by rounding."""
-    below: Numbers = np.minimum(values, np.nextafter(end, 0.0))
-    return below
+    return np.minimum(values, np.nextafter(end, 0.0))
 
 
 class PrioritizedBuffer(UniformBuffer):

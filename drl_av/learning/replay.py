@@ -123,8 +123,7 @@ class Ring:
 
     def draw(self, count: int, rng: np.random.Generator) -> Float32Array:
         """Draw stored rows uniformly with replacement; return a copy, shape (count, numbers)."""
-        drawn: Float32Array = self.numbers.take(rng.integers(0, self.filled, count), axis=0)
-        return drawn
+        return self.numbers.take(rng.integers(0, self.filled, count), axis=0)
 
     def endings(self) -> int:
         """Return the number of stored terminal rows, which have discount 0."""

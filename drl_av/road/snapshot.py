@@ -29,11 +29,7 @@ class CollisionKind(Enum):
     @property
     def ego_hit(self) -> bool:
         """True if the ego hit something, False if another vehicle hit the ego."""
-        return self in (
-            CollisionKind.HIT_AHEAD,
-            CollisionKind.HIT_BESIDE,
-            CollisionKind.HIT_EDGE,
-        )
+        return self in (CollisionKind.HIT_AHEAD, CollisionKind.HIT_BESIDE, CollisionKind.HIT_EDGE)
 
 
 @dataclass(frozen=True)
@@ -42,6 +38,10 @@ class Collision:
 
     kind: CollisionKind
     other: str | None
+
+
+Vehicles = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""The arrays of a snapshot, from ``s_m`` to ``width_m``, shape (1 + N,), the ego first."""
 
 
 class Snapshot(NamedTuple):
@@ -63,12 +63,13 @@ class Snapshot(NamedTuple):
     """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
 
     @property
-    def arrays(self) -> tuple[FloatArray, ...]:
+    def arrays(self) -> Vehicles:
         """The six arrays, from ``s_m`` to ``width_m``, as the compiled functions take them."""
         arrays = self[2:8]
         for array in arrays:
             if array.strides != STRIDES or array.dtype is not FLOAT64:
-                return tuple(np.ascontiguousarray(each, np.float64) for each in arrays)
+                s, y, v, v_y, length, width = (np.ascontiguousarray(e, np.float64) for e in arrays)
+                return s, y, v, v_y, length, width
         return arrays
 
 

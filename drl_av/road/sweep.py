@@ -239,8 +239,7 @@ class VehicleRectangles:
         times_s = float(step_s * len(commands)), float(step_s)
         near = np.ascontiguousarray(state, np.float64)
         count = rows_within_reach.fast(near, *way_m, *times_s, self._bounds, rows)
-        found: list[int] = rows[:count].tolist() if count else []
-        return found
+        return rows[:count].tolist() if count else []
 
     def ego_collision(self, moves: Mapping[int, Displacement]) -> Collision | None:
         """Return the ego's first collision in a SUMO step with a vehicle in ``moves``, or None.

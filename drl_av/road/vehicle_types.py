@@ -107,16 +107,17 @@ class VehicleTypes:
     ego: VehicleType
     own: Mapping[str, VehicleType] = field(default_factory=dict)
     """Further types of other vehicles, which the user has added, by id."""
+    traffic_id: str = "traffic"
 
     @property
     def by_id(self) -> dict[str, VehicleType]:
         """Every type by its id."""
-        return {"ego": self.ego, "traffic": self.traffic, **self.own}
+        return {"ego": self.ego, self.traffic_id: self.traffic, **self.own}
 
     @property
     def others(self) -> dict[str, VehicleType]:
         """Every type of the other vehicles by its id."""
-        return {"traffic": self.traffic, **self.own}
+        return {self.traffic_id: self.traffic, **self.own}
 
     @property
     def longest_m(self) -> float:

@@ -55,7 +55,8 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
     for name, traffic in vehicle_types.others.items():
         met = VehicleTypes(traffic, vehicle_types.ego)
         _require_bounds(config, met, name)
-        _require_model(name, traffic, AS_WRITTEN.traffic, () if name == "traffic" else PER_VEHICLE)
+        free = () if name == vehicle_types.traffic_id else PER_VEHICLE
+        _require_model(name, traffic, AS_WRITTEN.traffic, free)
         _require_one_vehicle_abreast(config, met, road)
         _require_narrow_vehicles(config, met, road)
         _require_a_long_loop(config, met, road)

@@ -15,8 +15,7 @@ from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
 from drl_av.safety.check import SafetyCheck, Verdicts, WholeCheck, permit_all, permits
-from drl_av.safety.lane_ends import PaperBeforeLaneEnds
-from drl_av.safety.paper import Paper
+from drl_av.safety.paper import Paper, PaperBeforeLaneEnds
 from drl_av.safety.strict import Strict
 
 

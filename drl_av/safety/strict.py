@@ -113,7 +113,7 @@ from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.road.road import FloatArray
 from drl_av.road.road_numbers import allowed_speed_in
-from drl_av.road.snapshot import EGO
+from drl_av.road.snapshot import EGO, Vehicles
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
 from drl_av.safety.reachability import (
@@ -212,25 +212,16 @@ class Strict(WholeCheck):
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
         values, codes, ground, *_ = scene.indicators
-        around = *scene.lanes, *ground, values[FRONT]
-        return *scene.snapshot.arrays, codes, *around, self._strict, self._ego
+        around = scene.lanes, (*ground, values[FRONT])
+        return scene.snapshot.arrays, codes, *around, self._strict, self._ego
 
 
 @compiled
 def strict_verdicts(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
+    others: Vehicles,
     codes: IntArray,
-    origin: int,
-    target: int,
-    circumference_m: float,
-    lane_width_m: float,
-    barriers: FloatArray,
-    front_m: float,
+    lanes: tuple[int, int],
+    ground: Ground,
     strict: StrictNumbers,
     ego: EgoNumbers,
     executed: IntArray,
@@ -238,16 +229,12 @@ def strict_verdicts(
 ) -> None:
     """Compute the verdicts of ``strict`` on all 12 actions of one scene.
 
-    The first six arrays are those of a snapshot, shape (1 + N,), the ego first; ``codes`` is that
-    of ``indicators``. ``origin`` and ``target`` are the lanes of the lane change in progress, equal
-    if there is none. ``circumference_m`` is 0 on an open road. ``barriers``, shape (barriers, 3),
-    are those of the road, and ``front_m`` is the position of the ego's front bumper. The function
-    fills the fields of ``Verdicts``, ``executed`` and ``rules``.
+    ``codes`` is that of ``indicators``. ``lanes`` are those of the lane change in progress, equal
+    if there is none. The function fills the fields of ``Verdicts``, ``executed`` and ``rules``.
     """
-    spans_m = lateral_extents(y_m, lateral_speed_m_s, width_m, lane_width_m)
-    others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
-    ground = (circumference_m, lane_width_m, barriers, front_m)
-    lane, covered_m = codes[LANE], covered(speed_m_s[EGO], ego)
+    origin, target = lanes
+    spans_m = lateral_extents(others[1], others[3], others[5], ground[1])
+    lane, covered_m = codes[LANE], covered(others[2][EGO], ego)
     back = fallback_lanes(origin, target, lane)
     may_m = free_distance(others, spans_m, ground, back, strict, ego)
     for lateral in range(3):
@@ -276,38 +263,23 @@ def strict_verdicts(
 
 @compiled
 def fallback_is_free(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
+    others: Vehicles,
     codes: IntArray,
-    origin: int,
-    target: int,
-    circumference_m: float,
-    lane_width_m: float,
-    barriers: FloatArray,
-    front_m: float,
+    lanes: tuple[int, int],
+    ground: Ground,
     strict: StrictNumbers,
     ego: EgoNumbers,
 ) -> bool:
     """Whether the invariant of ``strict`` holds; the arguments are those of ``strict_verdicts``."""
-    spans_m = lateral_extents(y_m, lateral_speed_m_s, width_m, lane_width_m)
-    others = (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
-    ground = (circumference_m, lane_width_m, barriers, front_m)
-    back = fallback_lanes(origin, target, codes[LANE])
-    rolled_m = reach(speed_m_s[EGO], -ego.hard_brake_m_s2, ego, ego)
+    spans_m = lateral_extents(others[1], others[3], others[5], ground[1])
+    back = fallback_lanes(lanes[0], lanes[1], codes[LANE])
+    rolled_m = reach(others[2][EGO], -ego.hard_brake_m_s2, ego, ego)
     return bool(rolled_m < free_distance(others, spans_m, ground, back, strict, ego))
 
 
 def place(longitudinal: int) -> int:
     """Return the place of a longitudinal action in ``ORDER``, the fastest first."""
     return (1, 0, 2, 3)[longitudinal]
-
-
-Vehicles = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""The arrays of a snapshot, from ``s_m`` to ``width_m``."""
 
 
 def free_distance(
@@ -369,13 +341,7 @@ def permitted_with(
             for how in range(4):
                 slowest = how if ego.has_constant_acceleration else HARD_BRAKE
                 if permitted & (1 << how) != 0 and not stays_behind(
-                    gap_m,
-                    is_ahead,
-                    speed,
-                    crosses_s,
-                    covered_m[slowest],
-                    strict,
-                    ego.step_length_s,
+                    gap_m, is_ahead, speed, crosses_s, covered_m[slowest], strict, ego.step_length_s
                 ):
                     permitted &= ~(1 << how)
     for how in range(4):

@@ -158,10 +158,7 @@ class NetworkLane(NamedTuple):
 
 
 def require_network(
-    network: ET.Element,
-    lanes: Mapping[str, NetworkLane],
-    connections: set[Connection],
-    name: str,
+    network: ET.Element, lanes: Mapping[str, NetworkLane], connections: set[Connection], name: str
 ) -> None:
     """Compare a network with the described lanes, by SUMO lane id, and their connections.
 

@@ -4,13 +4,7 @@ import math
 import xml.etree.ElementTree as ET
 
 from drl_av.road.road import Road
-from drl_av.scenarios.layout import (
-    Connection,
-    Layout,
-    NetworkLane,
-    RoadType,
-    require_network,
-)
+from drl_av.scenarios.layout import Connection, Layout, NetworkLane, RoadType, require_network
 from drl_av.scenarios.netconvert import DEMO_END_S, PRECISION, netconvert, vehicle_element
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, longest_m
 

@@ -17,12 +17,7 @@ from drl_av.scenarios.highways import EXIT, MERGE, RAMP_TO_RAMP, STRAIGHT
 from drl_av.scenarios.imported.description import IMPORTED
 from drl_av.scenarios.layout import RoadType
 from drl_av.scenarios.loop import LOOP
-from drl_av.scenarios.road_description import (
-    FILES,
-    TYPES,
-    PlacedVehicle,
-    RoadDescription,
-)
+from drl_av.scenarios.road_description import FILES, TYPES, PlacedVehicle, RoadDescription
 
 ROAD_TYPES: dict[str, RoadType] = {
     "loop": LOOP,

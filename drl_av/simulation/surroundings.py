@@ -111,6 +111,7 @@ class Surroundings:
         SUMO does not tell which models drive its types: they are taken for those of our scenarios.
         """
         kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self._name
+        traffic_id = vehicle.getTypeID(name)
         found = {
             kind: VehicleType(
                 kinds.getLength(kind),
@@ -122,9 +123,9 @@ class Surroundings:
                 AS_WRITTEN.traffic.model,
             )
             for kind in kinds.getIDList()
-            if not kind.startswith("DEFAULT_") or kind == vehicle.getTypeID(name)
+            if not kind.startswith("DEFAULT_") or kind == traffic_id
         }
-        traffic = found.pop(vehicle.getTypeID(name))
+        traffic = found.pop(traffic_id)
         size = {"length_m": vehicle.getLength(name), "width_m": vehicle.getWidth(name)}
         own = replace(
             AS_WRITTEN.ego,
@@ -133,7 +134,7 @@ class Surroundings:
             emergency_braking_m_s2=ego.hard_brake_m_s2,
             **size,
         )
-        return VehicleTypes(traffic, own, found)
+        return VehicleTypes(traffic, own, found, traffic_id)
 
     def lane_that_gives_way(self) -> str:
         """Return the first lane of the route that gives way or has a light; "" if none does."""

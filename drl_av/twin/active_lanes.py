@@ -6,15 +6,7 @@ are whole numbers with a bit for each.
 """
 
 from drl_av.compiled import inlined
-from drl_av.twin.worlds import (
-    ACTIVE,
-    ACTIVE_COUNT,
-    COUNT,
-    EDGE,
-    LANE,
-    Loop,
-    World,
-)
+from drl_av.twin.worlds import ACTIVE, ACTIVE_COUNT, COUNT, EDGE, LANE, Loop, World
 
 
 @inlined

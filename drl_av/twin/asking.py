@@ -1,14 +1,6 @@
 """How a driver of SUMO's SL2015 asks the vehicles around for room for a lane change."""
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.flags import (
-    ASKED_BY_LEFTWARD,
-    ASKED_BY_RIGHTWARD,
-    BLOCKED_BY_FOLLOWER,
-    BLOCKED_BY_LEADER,
-    IS_BLOCKING_FOLLOWER,
-    IS_BLOCKING_LEADER,
-)
 from drl_av.twin.following import (
     EPS,
     MIN_GAP_M,
@@ -18,26 +10,28 @@ from drl_av.twin.following import (
     idm_speed,
     secure_gap,
 )
-from drl_av.twin.lateral_room import (
-    LEFT_SPACE,
-)
+from drl_av.twin.lateral_room import LEFT_SPACE
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
+    ASKED_BY_LEFTWARD,
+    ASKED_BY_RIGHTWARD,
+    BLOCKED_BY_FOLLOWER,
+    BLOCKED_BY_LEADER,
     DESIRED_M_S,
     HEADWAY_S,
+    IS_BLOCKING_FOLLOWER,
+    IS_BLOCKING_LEADER,
     LENGTH_M,
     OVERTAKES_RIGHT,
     SPEED_M_S,
     STATE,
-    Loop,
     World,
 )
 
 CONGESTED_M_S = 60.0 / 3.6
 HELP_M_S = 10.0 / 3.6
 FALL_BEHIND_M_S = 7.0 / 3.6
-CUT_IN_LEFT_M_S = 27.0
 
 
 @inlined
@@ -72,14 +66,7 @@ def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> 
 
 @borrowing
 def inform_leader(
-    world: World,
-    loop: Loop,
-    i: int,
-    side: int,
-    blocked: int,
-    j: int,
-    gap_m: float,
-    seconds: float,
+    world: World, i: int, side: int, blocked: int, j: int, gap_m: float, seconds: float
 ) -> float:
     """Ask the vehicle ahead in the target lane for room; return the own planned speed."""
     speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
@@ -128,7 +115,6 @@ def stop_speed(world: World, i: int) -> float:
 @borrowing
 def inform_follower(
     world: World,
-    loop: Loop,
     i: int,
     side: int,
     blocked: int,

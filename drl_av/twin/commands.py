@@ -33,22 +33,9 @@ def drive_traffic(world: World, scene: FloatArray, traffic: TrafficNumbers, step
     """Let our own drivers decide on a scene, shape (6, vehicles), for ``steps`` steps."""
     n, drivers = world.near[COUNT], world.z[DRIVERS][: world.near[DRIVER_COUNT]]
     x, z = world.x, world.z
-    decide(
-        scene[0][:n],
-        scene[1][:n],
-        scene[2][:n],
-        scene[3][:n],
-        scene[4][:n],
-        scene[5][:n],
-        traffic,
-        drivers,
-        z[MODEL][:n],
-        x[DESIRED_M_S][:n],
-        z[DRIVER_STATE][:n],
-        z[BRAKING][:n],
-        x[WISH_M_S2][:n],
-        z[SIDE][:n],
-    )
+    state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
+    known = z[MODEL][:n], x[DESIRED_M_S][:n], z[DRIVER_STATE][:n], z[BRAKING][:n]
+    decide(state, traffic, drivers, (*known, x[WISH_M_S2][:n], z[SIDE][:n]))
     for i in drivers:
         if z[SIDE, i] != 0:
             request_change(world, i, z[SIDE, i], steps)

@@ -3,39 +3,10 @@
 import math
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.active_lanes import (
-    activate,
-    strips_with_vehicles,
-)
-from drl_av.twin.flags import (
-    BLOCKED,
-    COOPERATIVE,
-    KEEP_RIGHT,
-    LEFT,
-    REQUESTED,
-    RIGHT,
-    SPEED_GAIN,
-    STAY,
-    STRATEGIC,
-    SUBLANE,
-    WANTS,
-)
-from drl_av.twin.following import (
-    EPS,
-    STEP_S,
-)
-from drl_av.twin.lane_choice import (
-    keep_lateral_gap,
-    limit_move,
-    wish,
-)
-from drl_av.twin.lane_speeds import (
-    ROUTE_M,
-    is_open,
-    look_around,
-    needs_thought,
-    track,
-)
+from drl_av.twin.active_lanes import activate, strips_with_vehicles
+from drl_av.twin.following import EPS, STEP_S
+from drl_av.twin.lane_choice import keep_lateral_gap, limit_move, wish
+from drl_av.twin.lane_speeds import ROUTE_M, is_open, look_around, needs_thought, track
 from drl_av.twin.lateral_room import (
     FOLLOWER,
     FOLLOWER_GAP,
@@ -52,17 +23,15 @@ from drl_av.twin.lateral_room import (
     request_of,
     signed,
 )
-from drl_av.twin.neighbors import (
-    follower,
-    link,
-    shadow_lane,
-)
+from drl_av.twin.neighbors import follower, link, shadow_lane
 from drl_av.twin.worlds import (
     ACTIVE,
     ACTIVE_COUNT,
     ADVICE_M_S,
     ASIDE_M,
+    BLOCKED,
     COMMANDED_M,
+    COOPERATIVE,
     COUNT,
     EDGE,
     FIRST_ON,
@@ -71,19 +40,28 @@ from drl_av.twin.worlds import (
     GAIN_RIGHT,
     HAS_CHANGED,
     IS_FULL,
+    KEEP_RIGHT,
     LANE,
     LATERAL_SPEED_M_S,
+    LEFT,
     MANEUVER_M,
     MASK,
     ON_REQUEST_ONLY,
     ORDER,
     PREVIOUS_STATE,
+    REQUESTED,
     RESERVED,
+    RIGHT,
     SHADOW,
+    SPEED_GAIN,
     STATE,
+    STAY,
     STEP,
+    STRATEGIC,
+    SUBLANE,
     TRACKED,
     TRACKED_LEFT,
+    WANTS,
     WIDTH_M,
     Loop,
     World,
@@ -244,10 +222,7 @@ def considered(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple
     state |= signed(state, world.notes[MOVE])
     limit_move(world, i)
     state = influenced(
-        state,
-        request_of(world, loop, i),
-        world.z[ON_REQUEST_ONLY, i],
-        world.x[COMMANDED_M, i] != 0,
+        state, request_of(world, loop, i), world.z[ON_REQUEST_ONLY, i], world.x[COMMANDED_M, i] != 0
     )
     return state, world.notes[MOVE], world.notes[MANEUVER]
 

@@ -1,44 +1,15 @@
 """What a driver of SUMO's SL2015 wishes to do sideways when it considers one of its lanes.
 
-Each consideration ends with a state (``flags``), a lateral move for this step and the lateral
+Each consideration ends with a state (of ``worlds``), a lateral move for this step and the lateral
 distance of the whole maneuver; the two are in ``notes``.
 """
 
 import math
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.asking import (
-    CONGESTED_M_S,
-    inform_follower,
-    inform_leader,
-)
-from drl_av.twin.flags import (
-    ASKED,
-    ASKED_BY_LEFTWARD,
-    ASKED_BY_RIGHTWARD,
-    BLOCKED,
-    BLOCKED_LEFT,
-    BLOCKED_RIGHT,
-    COOPERATIVE,
-    FULL_REASONS,
-    IS_BLOCKING_FOLLOWER,
-    OVERLAPPING,
-    REASONS,
-    REQUESTED,
-    SPEED_GAIN,
-    STAY,
-    SUBLANE,
-    URGENT,
-)
-from drl_av.twin.following import (
-    EPS,
-    STEP_S,
-)
-from drl_av.twin.lane_speeds import (
-    keep_behind,
-    speed_gain_of,
-    weigh_gains,
-)
+from drl_av.twin.asking import CONGESTED_M_S, inform_follower, inform_leader
+from drl_av.twin.following import EPS, STEP_S
+from drl_av.twin.lane_speeds import keep_behind, speed_gain_of, weigh_gains
 from drl_av.twin.lateral_room import (
     BLOCKERS,
     FOLLOWER,
@@ -64,22 +35,38 @@ from drl_av.twin.lateral_room import (
 )
 from drl_av.twin.worlds import (
     ASIDE_M,
+    ASKED,
+    ASKED_BY_LEFTWARD,
+    ASKED_BY_RIGHTWARD,
+    BLOCKED,
+    BLOCKED_LEFT,
+    BLOCKED_RIGHT,
     COMMANDED_M,
+    COOPERATIVE,
+    FULL_REASONS,
     GAIN_LEFT,
     GAIN_RIGHT,
+    IS_BLOCKING_FOLLOWER,
     IS_FULL,
     LANE,
     LENGTH_M,
     MANEUVER_M,
     ON_REQUEST_ONLY,
+    OVERLAPPING,
     OVERTAKES_RIGHT,
     PREVIOUS_STATE,
+    REASONS,
     REQUEST_END,
+    REQUESTED,
+    SPEED_GAIN,
     SPEED_M_S,
     STATE,
+    STAY,
     STEP,
+    SUBLANE,
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
+    URGENT,
     WIDTH_M,
     Loop,
     World,
@@ -106,7 +93,7 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
         ahead = near[LEADER + 2]
         fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
         if side > 0 and ahead >= 0 and fast and not world.near[OVERTAKES_RIGHT]:
-            keep_behind(world, loop, i, ahead, notes[LEADER_GAP + 2])
+            keep_behind(world, i, ahead, notes[LEADER_GAP + 2])
         if request != 0:
             asked = influenced(state, request, on_request_only, is_commanded)
             if asked & STAY:
@@ -176,12 +163,12 @@ def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
     for bit, d in ((1, 0), (4, side)):
         if blockers & bit:
             j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
-            planned = min(planned, inform_leader(world, loop, i, side, blocked, j, gap_m, seconds))
+            planned = min(planned, inform_leader(world, i, side, blocked, j, gap_m, seconds))
     if planned >= 0:
         for bit, d in ((2, 0), (8, side)):
             if blockers & bit:
                 j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
-                inform_follower(world, loop, i, side, blocked, j, gap_m, seconds, planned)
+                inform_follower(world, i, side, blocked, j, gap_m, seconds, planned)
     return blocked
 
 

@@ -5,40 +5,15 @@ import math
 import numpy as np
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.asking import (
-    CONGESTED_M_S,
-    HELP_M_S,
-    advise,
-    its_follow_speed,
-)
-from drl_av.twin.flags import (
-    ASKED,
-    LEFT,
-    RIGHT,
-)
-from drl_av.twin.following import (
-    EPS,
-    MIN_GAP_M,
-    MOST_BRAKING_M_S,
-    STEP_S,
-    follow_speed,
-    secure_gap,
-)
-from drl_av.twin.lateral_room import (
-    LEADER,
-    LEADER_GAP,
-    TINY_M,
-    center_m,
-    overlaps,
-)
-from drl_av.twin.neighbors import (
-    leader,
-    reach_m,
-)
+from drl_av.twin.asking import CONGESTED_M_S, HELP_M_S, advise, its_follow_speed
+from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed, secure_gap
+from drl_av.twin.lateral_room import LEADER, LEADER_GAP, TINY_M, center_m, overlaps
+from drl_av.twin.neighbors import leader, reach_m
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
     ASIDE_M,
+    ASKED,
     COMMANDED_M,
     COUNT,
     DESIRED_M_S,
@@ -49,11 +24,13 @@ from drl_av.twin.worlds import (
     GAIN_RIGHT,
     HEADWAY_S,
     LANE,
+    LEFT,
     LENGTH_M,
     MANEUVER_M,
     ORDER,
     OVERTAKES_RIGHT,
     REQUEST_END,
+    RIGHT,
     SHADOW,
     SPEED_M_S,
     STATE,
@@ -214,7 +191,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     if follows:
         j, rear_m = leader(world, loop, k, own + 1, seen_m)
         if j >= 0:
-            keep_behind(world, loop, i, j, rear_m - MIN_GAP_M)
+            keep_behind(world, i, j, rear_m - MIN_GAP_M)
     if not tracks:
         return False
     if is_new:
@@ -235,7 +212,7 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
 
 
 @inlined
-def keep_behind(world: World, loop: Loop, i: int, j: int, gap_m: float) -> None:
+def keep_behind(world: World, i: int, j: int, gap_m: float) -> None:
     """Advise a driver not to pass the vehicle ``j`` ahead in the left lane on its right."""
     x = world.x
     speed, its = x[SPEED_M_S, i], x[SPEED_M_S, j]

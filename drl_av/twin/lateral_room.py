@@ -6,7 +6,9 @@ other. Directions are -1 right, +1 left, 0 own lane.
 """
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.flags import (
+from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S, secure_gap
+from drl_av.twin.worlds import (
+    ASIDE_M,
     BLOCKED_BY_FOLLOWER,
     BLOCKED_BY_LEADER,
     BLOCKED_BY_LEFT_FOLLOWER,
@@ -16,32 +18,23 @@ from drl_av.twin.flags import (
     BLOCKED_LEFT,
     BLOCKED_RIGHT,
     FULL_REASONS,
-    LEFT,
-    OVERLAPPING,
-    REASONS,
-    REQUESTED,
-    RIGHT,
-    STAY,
-    SUBLANE,
-    URGENT,
-    WANTS,
-)
-from drl_av.twin.following import (
-    EPS,
-    MIN_GAP_M,
-    STEP_S,
-    secure_gap,
-)
-from drl_av.twin.worlds import (
-    ASIDE_M,
     HEADWAY_S,
     IS_FULL,
     LANE,
+    LEFT,
     MANEUVER_M,
+    OVERLAPPING,
+    REASONS,
     REQUEST_END,
     REQUEST_LANE,
+    REQUESTED,
+    RIGHT,
     SPEED_M_S,
+    STAY,
     STEP,
+    SUBLANE,
+    URGENT,
+    WANTS,
     WIDTH_M,
     Loop,
     World,
@@ -233,12 +226,7 @@ def is_blocking(
 
 @borrowing
 def check_blocking(
-    world: World,
-    loop: Loop,
-    i: int,
-    side: int,
-    kept_m: float,
-    keeps_gap: bool,
+    world: World, loop: Loop, i: int, side: int, kept_m: float, keeps_gap: bool
 ) -> int:
     """Return the flags of what blocks the move in ``notes``; shorten the move as far as needed."""
     notes, near, lane = world.notes, world.near, world.z[LANE, i]

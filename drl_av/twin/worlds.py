@@ -14,32 +14,10 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-(
-    FRONT_M,
-    SPEED_M_S,
-    ACCELERATION_NOW_M_S2,
-    ASIDE_M,
-    LATERAL_SPEED_M_S,
-    LENGTH_M,
-    WIDTH_M,
-    DESIRED_M_S,
-    HEADWAY_S,
-    ACCELERATION_M_S2,
-    THRESHOLD_LEFT,
-    THRESHOLD_RIGHT,
-    WISH_M_S2,
-    CHOSEN_M_S,
-    REQUESTED_M_S,
-    MANEUVER_M,
-    COMMANDED_M,
-    GAIN_LEFT,
-    GAIN_RIGHT,
-    ADVICE_M_S,
-    NEXT_M_S,
-    GAP_M,
-    ITS_M_S,
-    EXPECTED_M_S,
-) = range(24)
+FRONT_M, SPEED_M_S, ACCELERATION_NOW_M_S2, ASIDE_M, LATERAL_SPEED_M_S, LENGTH_M = range(6)
+WIDTH_M, DESIRED_M_S, HEADWAY_S, ACCELERATION_M_S2, THRESHOLD_LEFT = range(6, 11)
+THRESHOLD_RIGHT, WISH_M_S2, CHOSEN_M_S, REQUESTED_M_S, MANEUVER_M, COMMANDED_M = range(11, 17)
+GAIN_LEFT, GAIN_RIGHT, ADVICE_M_S, NEXT_M_S, GAP_M, ITS_M_S, EXPECTED_M_S = range(17, 24)
 """The rows of ``x``.
 
 ``FRONT_M`` is the position of the front bumper in [0, lap), ``ASIDE_M`` the offset of the body's
@@ -57,44 +35,25 @@ was requested.
 ``ITS_M_S`` are scratch (``step.see_ahead``).
 """
 
-(
-    LANE,
-    SHADOW,
-    RESERVED,
-    ON_REQUEST_ONLY,
-    REQUEST_LANE,
-    REQUEST_END,
-    STATE,
-    PREVIOUS_STATE,
-    IS_FULL,
-    ORDER,
-    MASK,
-    TRACKED,
-    TRACKED_LEFT,
-    EDGE,
-    MODEL,
-    DRIVERS,
-    DRIVER_STATE,
-    BRAKING,
-    SIDE,
-    AHEAD,
-) = range(20)
+LANE, SHADOW, RESERVED, ON_REQUEST_ONLY, REQUEST_LANE, REQUEST_END, STATE = range(7)
+PREVIOUS_STATE, IS_FULL, ORDER, MASK, TRACKED, TRACKED_LEFT, EDGE, MODEL, DRIVERS = range(7, 16)
+DRIVER_STATE, BRAKING, SIDE, AHEAD = range(16, 20)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
 in which others make room for it; each is -1 if there is none. ``ON_REQUEST_ONLY`` is 1 if SUMO
 changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none) stands until
-step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of ``flags``; ``IS_FULL`` is 1
-if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first. ``MASK``
-has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
+step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of the flags below; ``IS_FULL``
+is 1 if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first.
+``MASK`` has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
 expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
 same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
-``MODEL`` is the kind of driver, a ``DriverModel``; ``DRIVERS`` lists the rows of our own, in
-their order. ``DRIVER_STATE`` is the state of a finite-state machine, ``BRAKING`` for how many
-decisions a driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The
-rows from ``AHEAD`` on, one a lane, have a column for each place in ``ORDER``: the place of the next
-vehicle ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``). As
-many rows after them hold the next vehicle behind.
+``MODEL`` is the kind of driver, a ``DriverModel``; ``DRIVERS`` lists the rows of our own, in their
+order. ``DRIVER_STATE`` is the state of a finite-state machine, ``BRAKING`` for how many decisions a
+driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The rows from
+``AHEAD`` on, one a lane, have a column for each place in ``ORDER``: the place of the next vehicle
+ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``). As many rows
+after them hold the next vehicle behind.
 """
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
@@ -109,6 +68,40 @@ ACTIVE = 23
 MOST_STRIPS = 40
 FIRST_ON = ACTIVE + MOST_STRIPS
 """First entry of ``near`` with the foremost vehicle of each edge, as its place in ``ORDER``."""
+
+
+STAY = 1
+LEFT = 1 << 1
+RIGHT = 1 << 2
+STRATEGIC = 1 << 3
+COOPERATIVE = 1 << 4
+SPEED_GAIN = 1 << 5
+KEEP_RIGHT = 1 << 6
+REQUESTED = 1 << 7
+URGENT = 1 << 8
+BLOCKED_BY_LEFT_LEADER = 1 << 9
+BLOCKED_BY_LEFT_FOLLOWER = 1 << 10
+BLOCKED_BY_RIGHT_LEADER = 1 << 11
+BLOCKED_BY_RIGHT_FOLLOWER = 1 << 12
+OVERLAPPING = 1 << 13
+SUBLANE = 1 << 15
+"""A move within the lane, to its centre."""
+IS_BLOCKING_LEADER = 1 << 16
+IS_BLOCKING_FOLLOWER = 1 << 17
+ASKED_BY_RIGHTWARD = 1 << 18
+"""The vehicle that asks for room changes to the right."""
+ASKED_BY_LEFTWARD = 1 << 19
+
+WANTS = LEFT | RIGHT
+REASONS = STRATEGIC | COOPERATIVE | SPEED_GAIN | KEEP_RIGHT | SUBLANE | REQUESTED
+FULL_REASONS = STRATEGIC | COOPERATIVE | SPEED_GAIN | KEEP_RIGHT
+BLOCKED_LEFT = BLOCKED_BY_LEFT_LEADER | BLOCKED_BY_LEFT_FOLLOWER
+BLOCKED_RIGHT = BLOCKED_BY_RIGHT_LEADER | BLOCKED_BY_RIGHT_FOLLOWER
+BLOCKED_BY_LEADER = BLOCKED_BY_LEFT_LEADER | BLOCKED_BY_RIGHT_LEADER
+BLOCKED_BY_FOLLOWER = BLOCKED_BY_LEFT_FOLLOWER | BLOCKED_BY_RIGHT_FOLLOWER
+BLOCKED = BLOCKED_LEFT | BLOCKED_RIGHT
+ASKED = IS_BLOCKING_LEADER | IS_BLOCKING_FOLLOWER | ASKED_BY_RIGHTWARD | ASKED_BY_LEFTWARD
+"""The states of SUMO's lane-change models, as bits (SUMO's LaneChangeAction)."""
 
 
 class World(NamedTuple):

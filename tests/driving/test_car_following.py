@@ -10,7 +10,7 @@ from worlds import Car, ahead, scene
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Longitudinal
-from drl_av.driving.car_following import acc_acceleration, reference_speeds
+from drl_av.driving.car_following import acc_acceleration, set_speeds
 
 SIMULATION = SimulationConfig()
 MAINTAIN, ACCELERATE = Longitudinal.MAINTAIN, Longitudinal.ACCELERATE
@@ -18,9 +18,11 @@ BRAKE, HARD_BRAKE = Longitudinal.BRAKE, Longitudinal.HARD_BRAKE
 
 
 def speeds(reference: str, action: Longitudinal, *others: Car, at: float = 20.0) -> list[float]:
-    affordances = scene(*others, speed_m_s=at).affordances
-    ego = EgoConfig(longitudinal_reference=reference)
-    return list(reference_speeds(affordances, action, ego, SIMULATION))
+    front = scene(*others, speed_m_s=at).affordances.own_front
+    its = (math.inf, at) if front is None else (front.gap_m, at + front.relative_speed_m_s)
+    ego, found = EgoConfig(longitudinal_reference=reference), [0.0] * SIMULATION.steps_per_decision
+    set_speeds(found, at, *its, action, ego, SIMULATION.step_length_s)
+    return found
 
 
 def test_cruise_control_on_a_free_road_closes_in_on_the_desired_speed() -> None:

@@ -96,7 +96,7 @@ def test_the_nearest_vehicles_are_those_of_the_paper_s_indicators(seen: Scene) -
 def test_compiled_and_plain_python_give_the_same_bytes(seen: Scene) -> None:
     plain = np.zeros(WIDE_SIZE, np.float32)
     wide_observation.python(
-        *seen.snapshot.arrays, road_numbers(ROAD), 250.0, 30.0, *seen.lanes, plain
+        seen.snapshot.arrays, road_numbers(ROAD), 250.0, 30.0, *seen.lanes, plain
     )
     compiled = observe_wide(seen.snapshot, ROAD, 250.0, 30.0, seen.lanes)
     assert plain.tobytes() == compiled.tobytes()

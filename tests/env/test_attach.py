@@ -202,7 +202,7 @@ HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
         ),
         ((), CAR, {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
         ((), CAR, {"driver": "sumo"}, "SUMO drives the vehicle already"),
-        ((), HARD, {"safety_check": "strict"}, "emergencyDecel of the vehicle type .*take .*paper"),
+        ((), HARD, {"safety_check": "strict"}, "Decel of the vehicle type car .*take .*paper"),
         (
             ("--step-length", "0.5", "--lateral-resolution", "0.8"),
             CAR,

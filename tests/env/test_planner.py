@@ -11,9 +11,8 @@ from drl_av.drivers.registry import driving_config, find_drivers, load_driver, m
 from drl_av.driving.actions import ACCELERATE, BRAKE, KEEP, MAINTAIN
 from drl_av.driving.actions import LEFT as TO_LEFT
 from drl_av.driving.actions import RIGHT as TO_RIGHT
-from drl_av.env.beliefs import GUESSES, Beliefs
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.planner import PlannerDriver
+from drl_av.env.planner import GUESSES, Beliefs, PlannerDriver
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.scenarios.folder import find_scenario, load_scenario
 

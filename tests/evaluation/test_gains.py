@@ -29,7 +29,7 @@ def test_differences_are_taken_seed_by_seed() -> None:
     assert (gain.baseline, gain.episodes) == ("idm", 3)
     assert gain.difference_m_s.value == pytest.approx(2)
     assert gain.difference_m_s.half_width == pytest.approx(4.3027 / 3**0.5, abs=1e-3)
-    assert gain.lower_m_s == pytest.approx(2 - 2.4842, abs=1e-3)
+    assert float(gain.row()["lower_m_s"]) == pytest.approx(2 - 2.4842, abs=1e-3)
 
 
 def test_the_best_baseline_is_that_of_the_density() -> None:

@@ -3,6 +3,7 @@
 import pytest
 from programs import python
 
+import drl_av
 from drl_av.evaluation.provenance import command, made_by
 
 
@@ -31,6 +32,7 @@ def test_a_text_tells_its_origin_in_one_line(monkeypatch: pytest.MonkeyPatch) ->
     line = made_by(59.6)
     assert line.startswith("made by python tools/benchmark.py in 60 s on 20")
     assert "eclipse-sumo 1." in line
+    assert f"drl-av {drl_av.__version__}, " in line
     assert "cores" in line
     assert "\n" not in line
 

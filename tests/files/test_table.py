@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from drl_av import files
 from drl_av.env.metrics import EpisodeResult
-from drl_av.errors import DrlAvError, RunError
+from drl_av.errors import DrlAvError
 from drl_av.files import (
     PlainNumber,
     PossiblyInfinite,
@@ -205,8 +205,8 @@ def test_appended_rows_follow_those_that_are_there(tmp_path: Path) -> None:
         path.write_bytes(table_bytes(Drive, [FIRST])[:cut])
         append_rows(path, Drive, [SECOND])  # after a process that was killed
         assert path.read_bytes() == table_bytes(Drive, [SECOND])
-    with pytest.raises(RunError, match="gone/x cannot be written"):
-        append_rows(tmp_path / "gone" / "x", Drive, [FIRST], RunError)
+    with pytest.raises(DrlAvError, match="gone/x cannot be written"):
+        append_rows(tmp_path / "gone" / "x", Drive, [FIRST])
 
 
 def test_a_row_of_the_results_may_be_infinite_only_where_no_vehicle_was_ahead() -> None:

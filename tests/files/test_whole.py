@@ -12,7 +12,7 @@ from runs import disk_tape
 
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.evaluation.figure_style import one_panel, save_figure
-from drl_av.files import append, replacing, require_suffix, require_writable, write_atomic
+from drl_av.files import replacing, require_suffix, require_writable, write_atomic
 
 
 def test_a_link_is_written_through_and_stays_a_link(tmp_path: Path) -> None:
@@ -131,8 +131,6 @@ def test_a_refusal_is_the_error_that_was_asked_for_in_one_sentence(tmp_path: Pat
     with pytest.raises(RecordingError, match=r"gone/x cannot be written \(No such file") as message:
         write_atomic(tmp_path / "gone" / "x", b"", RecordingError)
     assert str(message.value).endswith("what was there before is unchanged.")
-    with pytest.raises(RecordingError, match="gone/x cannot be written"):
-        append(tmp_path / "gone" / "x", b"", RecordingError)
 
 
 def test_what_a_dead_process_left_is_removed_and_what_a_living_one_writes_stays(

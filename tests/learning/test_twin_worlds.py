@@ -9,7 +9,7 @@ import pytest
 
 from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
-from drl_av.learning.twin_worlds import Part, TwinWorlds
+from drl_av.learning.large_scale import Part, TwinWorlds
 from drl_av.road.snapshot import Snapshot
 from drl_av.twin.worlds import COUNT
 

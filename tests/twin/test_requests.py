@@ -8,7 +8,7 @@ import pytest
 from drl_av.config import Config
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
-from drl_av.twin.requests import leader, request_speeds
+from drl_av.twin.step import leader, request_speeds
 from drl_av.twin.traffic import loop_of, sort_and_activate
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,

@@ -31,7 +31,8 @@ def test_sumo_and_the_simulator_agree_on_random_approaches(
 def test_the_program_by_itself_drives_every_plant_and_road(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["approaches", "--scenes", "1", "--step-length", "1.0"])
+    monkeypatch.setattr("sys.argv", ["approaches", "--scenes", "1"])
+    monkeypatch.setattr(approaches, "STEPS_S", (1.0,))
     assert not approaches.main()
     rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines()]
     for plant in ("kinematic", "steering"):

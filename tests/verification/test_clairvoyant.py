@@ -1,5 +1,7 @@
 """The search that knows the future: plans, copies of an episode, and what it drives."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
@@ -38,9 +40,9 @@ def test_with_its_base_alone_the_search_drives_as_that_does_and_foresees_its_way
         speeds.append(env.scene.affordances.ego_speed_m_s)
     env.close()
     twin.reset(seed=810, options={"vehicles": 12})
-    search.choose(search.begun(Plan()))
+    [way_m] = search.ways_m([search.begun(Plan())])
     # 1 s at the speeds of two steps each, so the way is at most 1 m a second off the mean speed
-    assert search.found_m == pytest.approx(sum(speeds), abs=HORIZON)
+    assert way_m == pytest.approx(sum(speeds), abs=HORIZON)
 
 
 def test_the_search_takes_the_plan_that_comes_farther(twin: TwinVectorEnv) -> None:
@@ -98,7 +100,7 @@ def test_a_yielding_plan_brakes_until_it_moves_and_ends_where_there_is_no_lane()
 def test_a_trial_goes_on_with_a_plan_and_leaves_it_where_it_is() -> None:
     execution = Execution(Plan(wait=2), lane=1)
     execution.act(in_lane(1), False, RIGHTWARD)
-    tried = execution.copy()
+    tried = deepcopy(execution)
     assert [tried.act(in_lane(1), False, 4 * RIGHT + MAINTAIN) for _ in range(2)] == [
         4 * KEEP + MAINTAIN,  # the second decision to wait
         4 * RIGHT + MAINTAIN,

@@ -1,8 +1,11 @@
 """How a program of ``verification/`` ends."""
 
+import re
 from typing import Any
 
 import pytest
+from programs import python
+from shown import ROOT
 
 from drl_av.errors import DrlAvError
 from verification.program import run_program
@@ -31,3 +34,13 @@ def test_an_error_of_a_program_is_one_sentence_and_a_status(
     with pytest.raises(SystemExit) as ended:
         run_program(main)
     assert (ended.value.code, capsys.readouterr().err) == (status, sentence)
+
+
+def test_every_program_that_the_makefile_runs_is_listed() -> None:
+    done = python("-m", "verification", cwd=ROOT)
+    listed = set(
+        re.findall(r"^python -m (verification\.\w+) +[A-Z].+\.$", done.stdout, re.MULTILINE)
+    )
+    made = set(re.findall(r"verification\.\w+", (ROOT / "Makefile").read_text(encoding="utf-8")))
+    assert made <= listed
+    assert "verification.program" not in listed

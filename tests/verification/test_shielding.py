@@ -14,7 +14,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.safety.check import Rule, Verdict
 from studies.results import ResultsFolder
 from verification import shielding
-from verification.shielding import Agent, Decided, PenalizedReward, main
+from verification.shielding import Decided, PenalizedReward, greedy, main
 from verification.shielding_report import COLUMNS, over_seeds, section, table
 
 ACCELERATE, HARD_BRAKE = 1, 3
@@ -56,7 +56,7 @@ def only_braking(scene, proposed):
 def test_only_a_masked_agent_knows_what_the_check_permits(masking: bool, chosen: int) -> None:
     with closing(HighwayEnv(safety_check=only_braking)) as env:
         observation, _ = env.reset(seed=930_000, options={"vehicles": 2})
-        assert Agent(Eager(), env, masking).act(env.scene, observation) == ACTIONS[chosen]
+        assert greedy(Eager(), env, masking).act(env.scene, observation) == ACTIONS[chosen]
 
 
 def row(method: str, seed: int, step: int, reward: float, refused: float) -> dict[str, str]:

@@ -94,11 +94,6 @@ def follower_stops(largest: Largest, speed: Number, argument: Argument) -> Numbe
     return stopping(largest, speed, argument.follower_m_s2, most, argument.step_s)
 
 
-def may_reach(largest: Largest, gap_m: Number, speed: Number, argument: Argument) -> Number:
-    """Return the distance within which the ego must stop behind a vehicle ahead, m."""
-    return gap_m + lead_stops(largest, speed, argument) - argument.clearance_m
-
-
 def must_reach(
     largest: Largest, gap_m: Number, speed: Number, delay_s: Fraction, argument: Argument
 ) -> Number:

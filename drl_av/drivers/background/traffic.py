@@ -1,4 +1,8 @@
-"""Drives the background vehicles that SUMO does not drive; all decide on the same snapshot."""
+"""Drives the background vehicles that SUMO does not drive; all decide on the same snapshot.
+
+Two vehicles may want to enter the same lane from opposite sides. Neither is in that lane yet, so
+neither counts in the other's gaps: ``give_way`` decides which of them begins.
+"""
 
 from typing import NamedTuple
 
@@ -6,6 +10,7 @@ import numpy as np
 
 from drl_av.compiled import borrowing, compiled, numbers
 from drl_av.config import Config
+from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.drivers.background.finite_state import (
     FiniteStateNumbers,
     HardBraking,
@@ -21,15 +26,15 @@ from drl_av.drivers.background.level_k import (
     level_k,
     load_level_k,
 )
-from drl_av.drivers.background.right_of_way import give_way
 from drl_av.drivers.network import Float32Array
 from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, IntArray, complete
 from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.road.road import FloatArray, Road
-from drl_av.road.road_numbers import RoadNumbers, road_numbers
-from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands
+from drl_av.road.road_numbers import RoadNumbers, ahead_m, lane_of, road_numbers
+from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands, Vehicles
 from drl_av.road.vehicle_types import VehicleTypes
+from drl_av.safety.reachability import stopping_distance
 from drl_av.simulation.population import DriverModel
 
 ORDER = (
@@ -118,35 +123,26 @@ class TrafficDrivers:
         if self._hard_braking is not None:
             self._hard_braking(self.memory[1])
         of_vehicles = *self._of_each, *self.memory, *self._found
-        decide.fast(*snapshot.arrays, self._numbers, rows, *of_vehicles)
+        decide.fast(snapshot.arrays, self._numbers, rows, of_vehicles)
         acceleration_m_s2, side = self._found
         return TrafficCommands(rows, acceleration_m_s2[rows], side[rows])
 
 
+OfVehicles = tuple[IntArray, FloatArray, IntArray, IntArray, FloatArray, IntArray]
+"""The ``DriverModel`` of each vehicle, shape (1 + N,) like all; its desired speed; the state of its
+machine; for how many decisions it brakes hard; its acceleration; and its lane change."""
+
+
 @compiled
 def decide(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
-    traffic: TrafficNumbers,
-    rows: IntArray,
-    models: IntArray,
-    desired_m_s: FloatArray,
-    states: IntArray,
-    braking: IntArray,
-    acceleration_m_s2: FloatArray,
-    side: IntArray,
+    scene: Vehicles, traffic: TrafficNumbers, rows: IntArray, of_vehicles: OfVehicles
 ) -> None:
     """Compute the decisions of the vehicles ``rows``, shape (R,), in ``ORDER``.
 
-    The first six arrays are those of a snapshot, shape (1 + N,), and so are the last six:
-    ``models`` holds the ``DriverModel``, ``braking`` for how many decisions a vehicle brakes hard.
-    The function updates ``states`` and ``braking``, and fills the last two arrays in ``rows``.
+    ``scene`` is ``Snapshot.arrays``. The function updates the states of ``of_vehicles`` and for how
+    long they brake, and fills its last two arrays in ``rows``.
     """
-    n, scene = len(s_m), (s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m)
+    n = len(scene[0])
     scratch = (
         np.empty(VALUES),
         np.empty(CODES, np.int64),
@@ -154,18 +150,17 @@ def decide(
         np.empty(n, np.int64),
         np.empty(n, np.int64),
     )
-    of_vehicles = models, desired_m_s, states, braking, acceleration_m_s2, side
     if decide_each(scene, traffic, rows, of_vehicles, scratch):
         limits = (traffic.road.lap_m, traffic.road.lane_width_m), traffic.braking_m_s2
-        give_way(rows, side, *scene[:5], *limits, traffic.times_s)
+        give_way(rows, of_vehicles[5], *scene[:5], *limits, traffic.times_s)
 
 
 @borrowing
 def decide_each(
-    scene: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    scene: Vehicles,
     traffic: TrafficNumbers,
     rows: IntArray,
-    of_vehicles: tuple[IntArray, FloatArray, IntArray, IntArray, FloatArray, IntArray],
+    of_vehicles: OfVehicles,
     scratch: tuple[FloatArray, IntArray, Float32Array, IntArray, IntArray],
 ) -> bool:
     """Do what ``decide`` does but for the right of way; return whether one wants a lane change."""
@@ -205,3 +200,82 @@ def decide_each(
             acceleration_m_s2[row], side[row] = -machine.braking_m_s2, 0
         changes = changes or side[row] != 0
     return changes
+
+
+@compiled
+def give_way(
+    rows: IntArray,
+    sides: IntArray,
+    s_m: FloatArray,
+    y_m: FloatArray,
+    speed_m_s: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    length_m: FloatArray,
+    road_m: tuple[float, float],
+    braking_m_s2: float,
+    times_s: tuple[float, float],
+) -> None:
+    """Set those of the wanted lane changes to 0 that conflict with another vehicle's.
+
+    Two vehicles conflict if they enter the same lane from opposite sides, and the rear vehicle
+    could not stop behind the front vehicle by braking with ``braking_m_s2`` from the next decision
+    on. A vehicle that is already changing lanes has priority. Between two others, the vehicle that
+    comes first in ``rows`` has priority.
+
+    Args:
+        rows: The row of each vehicle that decides, shape (R,).
+        sides: The lane change that each row wants, shape (1 + N,): +1 left, -1 right, 0 none.
+        s_m: The position of each vehicle, shape (1 + N,); the next four arrays likewise.
+        y_m: Its lateral position.
+        speed_m_s: Its speed.
+        lateral_speed_m_s: Its lateral speed.
+        length_m: Its length.
+        road_m: The lengths of a lap and of a lane's width, metres.
+        braking_m_s2: The hardest braking of the vehicles.
+        times_s: The time of a decision and of a SUMO step, seconds.
+    """
+    lap_m, width_m = road_m
+    most, count = len(s_m) + len(rows), 0
+    entering, lanes = np.empty(most, np.int64), np.empty(most, np.int64)
+    for row in range(len(s_m)):  # under way: the lane is the one whose centre it reaches next
+        if lateral_speed_m_s[row] != 0.0:
+            lane = lane_of(y_m[row], width_m)
+            leaves = (y_m[row] - lane * width_m) * lateral_speed_m_s[row] >= 0.0
+            toward = 1 if lateral_speed_m_s[row] > 0.0 else -1
+            entering[count], lanes[count] = row, lane + toward * leaves
+            count += 1
+    for row in rows:
+        if sides[row] == 0:
+            continue
+        lane = lane_of(y_m[row], width_m) + sides[row]
+        center_m, gives_way = lane * width_m, False
+        for place in range(count):
+            other = entering[place]
+            opposite = (y_m[row] < center_m) != (y_m[other] < center_m)
+            if lanes[place] == lane and opposite:
+                lead_m = ahead_m(s_m[row], s_m[other], lap_m)
+                rear, front = (row, other) if lead_m >= 0.0 else (other, row)
+                gap_m = abs(lead_m) - (length_m[row] + length_m[other]) / 2
+                rolled_m = closing_distance(
+                    speed_m_s[rear], speed_m_s[front], braking_m_s2, times_s
+                )
+                gives_way = gives_way or gap_m < STANDSTILL_GAP_M + rolled_m
+        if gives_way:
+            sides[row] = 0
+        else:
+            entering[count], lanes[count] = row, lane
+            count += 1
+
+
+def closing_distance(
+    fast_m_s: float, slow_m_s: float, braking_m_s2: float, times_s: tuple[float, float]
+) -> float:
+    """Return by how much a gap shrinks, metres, until both vehicles stand.
+
+    The vehicle behind, of speed ``fast_m_s``, brakes one decision later than the one ahead.
+    """
+    decision_s, step_s = times_s
+    fast_m = stopping_distance(fast_m_s, braking_m_s2, step_s)
+    slow_m = stopping_distance(slow_m_s, braking_m_s2, step_s)
+    rolled_m: float = decision_s * fast_m_s + max(fast_m - slow_m, 0.0)
+    return rolled_m

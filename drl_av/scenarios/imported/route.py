@@ -206,12 +206,7 @@ def _shape(file: NetFile, edge: Any) -> tuple[Point, ...]:
 
 
 def _parts(
-    file: NetFile,
-    edge: Any,
-    lanes: range,
-    step: Step,
-    ends_m: tuple[float, float],
-    first: int,
+    file: NetFile, edge: Any, lanes: range, step: Step, ends_m: tuple[float, float], first: int
 ) -> list[Part]:
     """Return the parts of a section: the edge up to the first end, and the junction after it.
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, snapshot
 
 from drl_av.config import SimulationConfig
-from drl_av.drivers.background.right_of_way import give_way
+from drl_av.drivers.background.traffic import give_way
 from drl_av.road.snapshot import Snapshot
 
 BRAKING_M_S2, TIMING = 4.0, SimulationConfig()  # from the next decision on, in steps of 0.5 s

@@ -52,7 +52,8 @@ def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> N
         rolled_m = motion.stopping(largest_of_arrays, other, 4.5, 60.0, 0.5)
         assert close(reachability.stopping_distance(other, 4.5, 0.5), rolled_m)
         ahead_m = limits(gap_m, other, bounds)
-        assert close(ahead_m, motion.may_reach(largest_of_arrays, gap_m, other, a))
+        rest_m = gap_m + motion.lead_stops(largest_of_arrays, other, a)
+        assert close(ahead_m, rest_m - a.clearance_m)
         for how in Longitudinal:
             rate = how.acceleration_m_s2(CONFIG.ego)
             reach_m = reachability.reach(ego, rate, CONFIG.ego, sim)
@@ -107,7 +108,7 @@ def test_rounding_is_within_its_bound(
     ahead_m = stopping_limit(gap_m, True, other, CONFIG.strict, 0.5)
     speed, rest = Fraction(ego), Fraction(other)
     exact_m = motion.reach(max, speed, Fraction(rate), EXACT.steps, EXACT)
-    exact_m -= motion.may_reach(max, Fraction(gap_m), rest, EXACT)
+    exact_m -= Fraction(gap_m) + motion.lead_stops(max, rest, EXACT) - EXACT.clearance_m
     off_m = abs(Fraction(float(reach_m)) - Fraction(float(ahead_m)) - exact_m)
     assert off_m < BOUND_M < EXACT.clearance_m
 
