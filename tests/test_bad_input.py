@@ -77,6 +77,14 @@ def test_a_file_that_windows_wrote_is_read(tmp_path: Path) -> None:
     assert load_scenario(folder).description == load_scenario(find_scenario()).description
 
 
+def test_a_config_file_of_another_encoding_has_a_remedy_that_helps(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_bytes("[learning]\nseed = 3\n".encode("utf-16"))
+    with pytest.raises(ConfigError, match=r"is not UTF-8 text .* save it as UTF-8") as error:
+        load_config(path)
+    sentence(error.value, str(path))
+
+
 @pytest.mark.parametrize("words", ["evaluate a\nb", "train --out new --config a\nb"])
 def test_a_name_of_two_lines_is_refused_in_one(
     words: str, here: Path, capsys: pytest.CaptureFixture[str]

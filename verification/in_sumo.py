@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.config.traffic import NO_PAPER_DRIVERS
 from drl_av.road.snapshot import Collision, CollisionKind, Command
 from drl_av.scenarios.folder import (
     PlacedVehicle,
@@ -45,7 +46,10 @@ class SumoWorld:
         write_scenario(folder, ROADS[road])
         self._scenario = load_scenario(folder)
         self._config = config.updated(  # the commands of a world stand as they are
-            "traffic", random_lane_changes_per_s=0.0, keep_stopping_distance=False
+            "traffic",
+            **NO_PAPER_DRIVERS,
+            random_lane_changes_per_s=0.0,
+            keep_stopping_distance=False,
         )
 
     def play(

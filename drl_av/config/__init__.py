@@ -206,7 +206,12 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
     try:
         with Path(path).open(encoding="utf-8-sig") as file:
             text = file.read(MOST_CHARACTERS + 1)
-    except (OSError, UnicodeDecodeError, TypeError) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"The config file {path} is not UTF-8 text (byte {error.start}), but TOML is: save it "
+            "as UTF-8, or name a TOML file."
+        ) from error
+    except (OSError, TypeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(
             f"The config file {path} cannot be read ({reason}): name a TOML file that exists."

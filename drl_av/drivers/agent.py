@@ -318,9 +318,16 @@ def _normalization(
             "gymnasium's NormalizeObservation makes them, and does not hold the statistics: give a "
             "factory module:function whose driver applies the same normalization."
         )
-    if not by_library:
-        return None
-    return _vec_normalize(path, observes.shape)
+    if by_library:
+        return _vec_normalize(path, observes.shape)
+    if file := _statistics(path):
+        warnings.warn(
+            f"{path} was not trained with VecNormalize, so it observes raw values; the statistics "
+            f"in {file} are not used.",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+    return None
 
 
 def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any) -> bool:
@@ -338,12 +345,17 @@ def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any) -> b
     return bool(((seen >= low) & (seen <= observes.high + 1e-4)).all())
 
 
-def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:
-    """Read the statistics of VecNormalize beside an agent's file; return the normalization."""
+def _statistics(path: Path) -> Path | None:
+    """Return the file with the statistics of VecNormalize beside an agent's file, or None."""
     steps = re.fullmatch(r"(.+)_(\d+_steps)", path.stem)  # of a CheckpointCallback
     named = [path.with_name(f"{steps[1]}_vecnormalize_{steps[2]}.pkl")] if steps else []
     places = [*named, path.with_name("vecnormalize.pkl"), path.with_suffix("") / "vecnormalize.pkl"]
-    file = next((place for place in places if place.is_file()), None)
+    return next((place for place in places if place.is_file()), None)
+
+
+def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:
+    """Read the statistics of VecNormalize beside an agent's file; return the normalization."""
+    file = _statistics(path)
     if file is None:
         raise CheckpointError(
             f"{path} was trained with VecNormalize, whose statistics are not in it: put them "

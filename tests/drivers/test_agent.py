@@ -236,10 +236,14 @@ def test_statistics_that_run_code_are_refused(tmp_path: Path) -> None:
     assert not mark.exists()
 
 
-def test_statistics_of_another_agent_are_left_alone(tmp_path: Path) -> None:
+def test_statistics_of_another_agent_are_left_alone_with_a_word(tmp_path: Path) -> None:
     trained(lambda e: e, tmp_path / "raw.zip")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        loaded(tmp_path / "raw.zip")
     (tmp_path / "vecnormalize.pkl").write_bytes(b"of another agent")
-    loaded(tmp_path / "raw.zip")
+    with pytest.warns(DrlAvWarning, match=r"so it observes raw .*vecnormalize\.pkl are not used"):
+        loaded(tmp_path / "raw.zip")
 
 
 def test_an_agent_of_normalized_observations_without_statistics_is_refused(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ LONGER = "simulation.decisions_per_episode=40"
 
 @pytest.fixture
 def short(here: Path) -> list[str]:
-    Path("short.toml").write_text(SHORT.to_toml())
+    Path("short.toml").write_text(SHORT.with_traffic("calm").to_toml())
     return ["--config", "short.toml"]
 
 

@@ -96,6 +96,11 @@ def reported(folder: Path, old: str, new: str) -> tuple[str, ...]:
         ('to="e1" ', 'to="e1" visibility="9" ',
          "visibility 9 of the way from lane 'e0_0' to 'e1_0'"),
         ('<lane id="e0_0"', '<stopOffset value="5"/><lane id="e0_0"', "stopOffset 5 of edge 'e0'"),
+        ('id=":n1_0_0" ', 'id=":n1_0_0" friction="0.3" ', "friction 0.3 of lane ':n1_0_0'"),
+        ('<lane id=":n1_0_0"', '<stopOffset value="5"/><lane id=":n1_0_0"',
+         "stopOffset 5 of edge ':n1_0'"),
+        ('from=":n1_0" ', 'from=":n1_0" visibility="9" ',
+         "visibility 9 of the way from lane ':n1_0_0' to 'e1_0'"),
     ],
 )  # fmt: skip
 def test_a_value_that_sumo_obeys_and_the_road_lacks_is_named(
@@ -112,8 +117,11 @@ def test_a_connection_that_is_closed_to_cars_leads_nowhere(tmp_path: Path) -> No
     assert ends == [(0, pytest.approx(502.0, abs=1.0)), (0, float("inf"))]  # and one begins there
 
 
-def test_an_acceleration_lane_stays_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize("word", ["1", "yes"])
+def test_an_acceleration_lane_stays_one(word: str, tmp_path: Path) -> None:
     net = chain(tmp_path, Part(2, lane='<lane index="0" acceleration="true"/>'), Part(2))
+    net.write_text(net.read_text().replace('acceleration="1"', f'acceleration="{word}"'))
+    assert f'acceleration="{word}"' in net.read_text()
     write_scenario(tmp_path / "road", along(net, 1))
     written = ET.parse(tmp_path / "road" / "highway.net.xml").iter("lane")
     assert [lane.attrib["id"] for lane in written if "acceleration" in lane.attrib] == ["e0_0"]
@@ -430,6 +438,16 @@ def test_the_motorway_is_never_taken_for_an_exit(tmp_path: Path) -> None:
     exits = described(net, "M1", "off")
     assert exits.plan().road.exit_m == pytest.approx(1030.0, abs=10.0)
     assert described(net, "M1", "M3").plan().road.exit_m == float("inf")
+
+
+def test_a_lane_with_a_point_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    net = chain(tmp_path, Part(1), Part(1))
+    text = net.read_text()
+    lane = re.search(r'<lane id="e0_0"[^>]* shape="', text)
+    assert lane is not None
+    net.write_text(text.replace(lane[0], f"{lane[0]}nan,0 "))
+    with pytest.raises(ScenarioError, match="a lane has the point 'nan,0'"):
+        along(net, 1)
 
 
 def test_traffic_on_the_left_is_driven_in_the_mirror(tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ REMEDY = "name a network file that netedit or netconvert has written"
 CUT_OUT = "cut out the part with your route by netconvert -s FILE --keep-edges.in-boundary"
 BROKEN = (KeyError, IndexError, ValueError, TypeError, AttributeError, AssertionError)
 """The errors with which sumolib fails on a file that is no network."""
+TRUE = frozenset(("1", "true", "yes", "on", "x", "t"))
+"""SUMO's words for a true value, in lower case."""
 CHILDREN = ("stopOffset", "neigh", "conflict")
 """Child elements of edges, lanes and connections that change how SUMO drives."""
 Attributes = dict[str, str]
@@ -64,7 +66,7 @@ class _Elements:
     def _keep(self, tag: str, attributes: Attributes, above: tuple[str, Attributes]) -> None:
         """Keep what sumolib leaves out; ``above`` is the element that contains this one."""
         found, (parent, its) = self._found, above
-        if tag == "net" and attributes.get("lefthand") in ("1", "true"):
+        if tag == "net" and attributes.get("lefthand", "").lower() in TRUE:
             self._found = found._replace(drives_left=True)
         elif tag == "edge":
             found.edges[attributes["id"]] = attributes

@@ -1,7 +1,7 @@
 """Finds a route in a network of the user, and follows its lanes from edge to edge."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +12,7 @@ from drl_av.scenarios.imported.curves import Line
 from drl_av.scenarios.imported.net_file import (
     BROKEN,
     REMEDY,
+    TRUE,
     Attributes,
     Found,
     NetFile,
@@ -245,7 +246,7 @@ def _rules(own: Attributes, lanes: Sequence[Attributes]) -> dict[str, str]:
 
     ``own`` is the lane of the edge, which says whether it is an acceleration lane.
     """
-    found = {"acceleration": "1"} if own.get("acceleration") in ("1", "true") else {}
+    found = {"acceleration": "1"} if own.get("acceleration", "").lower() in TRUE else {}
     for key in ("changeLeft", "changeRight"):
         if any(key in lane and not _permits(lane[key]) for lane in lanes):
             found[key] = FORBIDDEN
@@ -285,8 +286,13 @@ def _places(lanes: Iterable[Attributes], begin_m: float) -> Iterator[tuple[float
 
 
 def _point(text: str) -> Point:
-    x, y = text.split(",")[:2]
-    return float(x), float(y)
+    x, y = map(float, text.split(",")[:2])
+    if not abs(x) + abs(y) < FARTHEST_M:
+        raise ScenarioError(
+            f"a lane has the point {text[:40]!r}, but coordinates must be below "
+            f"{FARTHEST_M / 1e3:g} km: write the network again with netconvert."
+        )
+    return x, y
 
 
 def _shares(points: Sequence[Point]) -> list[float]:
@@ -303,7 +309,8 @@ def _left_out(file: NetFile, edges: Sequence[Any], steps: Sequence[Step]) -> Ite
         yield "that its traffic drives on the left: the road is its mirror image"
     names = [edge.getID() for edge in edges]
     places: dict[str, list[str]] = {}
-    for what, place in _attributes_left_out(file, edges):
+    inside = {lane["id"] for step in steps for way in step.inside.values() for lane in way}
+    for what, place in _attributes_left_out(file, edges, inside):
         places.setdefault(what, []).append(place)
     for what, (place, *others) in places.items():
         yield f"{what} {place}" + (f" and {len(others)} more" if others else "")
@@ -312,8 +319,13 @@ def _left_out(file: NetFile, edges: Sequence[Any], steps: Sequence[Step]) -> Ite
         yield from step.left_out
 
 
-def _attributes_left_out(file: NetFile, edges: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    """Yield each attribute of a route that is left out, and the element that has it."""
+def _attributes_left_out(
+    file: NetFile, edges: Sequence[Any], inside: Collection[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield each attribute of a route that is left out, and the element that has it.
+
+    ``inside`` has the ids of its lanes inside junctions.
+    """
     for edge in edges:
         name = edge.getID()
         yield from left_out(Found("edge", f"edge {name!r}", file.edges[name]))
@@ -323,8 +335,12 @@ def _attributes_left_out(file: NetFile, edges: Sequence[Any]) -> Iterator[tuple[
                 yield from left_out(found)
             else:
                 yield "lanes closed to cars,", found.name
+    for name in sorted({lane.rpartition("_")[0] for lane in inside}):
+        yield from left_out(Found("edge", f"edge {name!r}", file.edges[name]))
+    for name in sorted(inside):
+        yield from left_out(Found("lane", f"lane {name!r}", file.lanes[name]))
     ends = {*pairwise(edge.getID() for edge in edges)}
     for (from_edge, lane, to_edge, to_lane), attributes in file.connections.items():
-        if (from_edge, to_edge) in ends:
+        if (from_edge, to_edge) in ends or f"{from_edge}_{lane}" in inside:
             name = f"the way from lane '{from_edge}_{lane}' to '{to_edge}_{to_lane}'"
             yield from left_out(Found("connection", name, attributes))
