@@ -41,7 +41,7 @@ def no_copies_yet(monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a process whose environments were one at a time so far."""
     gc.collect()
     assert not libsumo.isLoaded()
-    monkeypatch.setattr(sumo, "_instances", [Instance(libsumo)])
+    monkeypatch.setattr(start_sumo, "_instances", [Instance(libsumo)])
 
 
 def states(env: HighwayEnv) -> bytes:
@@ -229,7 +229,7 @@ def test_where_open_files_have_no_path_a_copy_is_a_file_until_it_is_loaded(
     make: Make, no_copies_yet: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = {*INSTALLED.iterdir()}
-    monkeypatch.setattr(sumo, "OPEN_FILES", Path("/no/such/folder"))
+    monkeypatch.setattr(start_sumo, "OPEN_FILES", Path("/no/such/folder"))
     monkeypatch.delattr(os, "copy_file_range")
     wanted = [alone(1), alone(2)]
     assert interleaved(drive(make(), 1), drive(make(), 2)) == wanted
@@ -242,7 +242,7 @@ def test_if_libsumo_cannot_be_copied_the_error_of_the_second_names_a_remedy(
     def full(*files: object) -> None:
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(sumo, "_copy", full)
+    monkeypatch.setattr(start_sumo, "_copy", full)
     first, second = make(), make()
     wanted = alone(2)
     begun = drive(first, 1)
