@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from programs import python
 
-from drl_av.compiled import NOTICE, numbers, squared
+from drl_av.compiled import NOTICE, compiled, numbers, squared
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.safety.paper import SafetyNumbers
@@ -125,13 +125,8 @@ def test_a_square_is_that_of_python_to_the_last_bit() -> None:
     drawn = np.random.default_rng(0).normal(0, 30, 100_000).tolist()
     assert any(x**2 != x * x for x in drawn)  # why it matters
     assert all(squared(x) == x**2 for x in drawn)
-    assert all(compiled_square(x) == x**2 for x in drawn)
-
-
-def compiled_square(x: float) -> float:
-    from drl_av.compiled import compiled
-
-    return compiled(squared)(x)
+    square = compiled(squared)
+    assert all(square(x) == x**2 for x in drawn)
 
 
 def test_settings_become_numbers_by_their_names() -> None:

@@ -167,6 +167,7 @@ def test_reward() -> None:
 
 def test_the_finite_state_machine_of_any_vehicle() -> None:
     rng = np.random.default_rng(6)
+    decides = compiled(decide)
     for world, road, config in scenes(6):
         if not road.partial_lanes:
             row, state = rng.integers(len(world.snapshot.ids)), int(rng.integers(3))
@@ -179,7 +180,7 @@ def test_the_finite_state_machine_of_any_vehicle() -> None:
             ).arrays()
             expected = states[0], decisions.acceleration_m_s2[0], decisions.side[0]
             given = numbers(FiniteStateNumbers, settings)
-            found = compiled(decide)(values, codes, road.lane_width_m, state, desired_m_s, given)
+            found = decides(values, codes, road.lane_width_m, state, desired_m_s, given)
             assert found == expected
 
 

@@ -108,7 +108,8 @@ def test_an_evaluation_keeps_its_episodes_or_its_failures_as_recordings(
     short: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["evaluate", "idm", "random", *short, "--safety-check", "permit_all"]
-    words += ["--vehicles", "20", "--episodes", "5", "-o", LONGER, "--out", "rows.csv"]
+    words += ["--traffic", "calm", "--vehicles", "20", "--episodes", "5", "-o", LONGER]
+    words += ["--out", "rows.csv"]
     assert main([*words, "--record-failures", "failed", "--jobs", "2"]) == 0
     with Path("rows.csv").open(newline="") as file:
         rows = [*csv.DictReader(file)]

@@ -41,7 +41,8 @@ MOMENTS = {
     "before the policy is named": f"at_call(os, 'replace', 1, {KILL})",
     "between policy and checkpoint": f"at_call(os, 'replace', 2, {KILL})",
     "before the checkpoint is on disk": f"at_call(os, 'fsync', 7, {KILL})",
-    "after a row, before its evaluation": f"at_call(run_folder.Run, 'append', 3, {KILL}, after=True)",
+    "after a row, before its evaluation": "at_call(run_folder.Run, "
+    f"'append', 3, {KILL}, after=True)",
     "in an evaluation": f"at_call(HighwayEnv, 'reset', 5, {KILL})",
 }
 

@@ -143,16 +143,17 @@ def test_an_agent_of_stable_baselines3_drives_under_the_check() -> None:
     # imported here: torch comes along, and workers that import this file do without it
     from stable_baselines3 import DQN
 
-    with closing(HighwayEnv(config=SHORT, safety_check="permit_all")) as env:
+    calm = SHORT.with_traffic("calm")
+    with closing(HighwayEnv(config=calm, safety_check="permit_all")) as env:
         model = DQN("MlpPolicy", env, learning_starts=20, buffer_size=100, seed=1, device="cpu")
         model.learn(60)
         agent = PolicyDriver(lambda affordances: model.predict(affordances, deterministic=True)[0])
-        checked = CheckedDriver(agent, named_check(SHORT))
+        checked = CheckedDriver(agent, named_check(calm))
         for seed in range(3):
             result = drive(env, checked, "dqn", seed, 30)
             assert not result.ego_hit
         observation, _ = env.reset(seed=9, options={"vehicles": 30})
-        mask = action_mask(named_check(SHORT), env.scene)
+        mask = action_mask(named_check(calm), env.scene)
         action = agent.act(env.scene, observation)
         assert (checked.act(env.scene, observation) == action) == mask[action.number]
         assert action in ACTIONS
