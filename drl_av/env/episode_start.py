@@ -1,6 +1,7 @@
 """An episode: its seed, traffic and number of vehicles at a reset, and how the ego's route ends."""
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from drl_av.config import Config, SimulationConfig, TrafficConfig
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.scene import Scene
 from drl_av.env.twin_simulation import TwinSimulation
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO
@@ -41,15 +42,26 @@ def most_decisions(config: Config, layout: Layout) -> int:
     """Return the largest number of decisions in an episode (ours).
 
     It is ``decisions_per_episode``. If that is not below its default, N_s, and the ego has an exit,
-    it is at least the number of decisions that the way takes at half the ego's largest speed.
+    it is at least the number of decisions that the way takes at half the ego's largest speed. If it
+    is below, and the way takes more at the largest speed, a warning says so.
     """
     timing, start = config.simulation, layout.start
     most = timing.decisions_per_episode
-    if start is None or layout.road.exit_m == math.inf or most < DECISIONS:
+    if start is None or layout.road.exit_m == math.inf:
         return most
     way_m = layout.road.end_m - start.ego_front_m
-    slow_m = config.ego.max_speed_m_s / 2 * timing.decision_interval_s
-    return max(most, math.ceil(way_m / slow_m))
+    fast_m = config.ego.max_speed_m_s * timing.decision_interval_s
+    if most >= DECISIONS:
+        return max(most, math.ceil(2 * way_m / fast_m))
+    if way_m > most * fast_m:
+        warnings.warn(
+            f"The ego cannot take its exit: its way has {way_m:.0f} m, but in {most} decisions it "
+            f"drives at most {most * fast_m:.0f} m: set simulation.decisions_per_episode to "
+            f"{DECISIONS}, with which an episode is as long as the way needs.",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+    return most
 
 
 def reset_options(options: Any, *further: str) -> dict[str, Any]:

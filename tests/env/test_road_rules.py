@@ -3,6 +3,7 @@
 import copy
 import os
 import pickle
+import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -21,7 +22,7 @@ from drl_av.driving.maneuver import plan
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.reward import desired
 from drl_av.env.rollout import rollout
-from drl_av.errors import ScenarioError
+from drl_av.errors import DrlAvWarning, ScenarioError
 from drl_av.road.compiled_road import allowed_speed_in, may_cross, road_numbers
 from drl_av.road.road import (
     LIMIT_BRAKING_M_S2,
@@ -249,10 +250,16 @@ def test_an_episode_is_as_long_as_a_far_exit_needs(tmp_path: Path) -> None:
         assert 236 <= len(driven) < 260
         assert driven[-1].route_outcome == "exit taken"
     short = Config().updated("simulation", decisions_per_episode=20)
-    with closing(HighwayEnv(tmp_path / "far", config=short)) as env:
+    warns = r"its way has 7\d{3} m, but in 20 decisions it drives at most 600 m"
+    with pytest.warns(DrlAvWarning, match=warns):
+        env = HighwayEnv(tmp_path / "far", config=short)
+    with closing(env):
         assert len([*rollout(env, rule_driver("idm", env.config), 1, 0)]) == 20
-    with closing(HighwayEnv(find_scenario("exit"))) as env:
-        assert env._most_decisions == 200
+    with warnings.catch_warnings(action="error"):
+        enough = Config().updated("simulation", decisions_per_episode=150)
+        for config, most in ((None, 200), (enough, 150)):
+            with closing(HighwayEnv(find_scenario("exit"), config=config)) as env:
+                assert env._most_decisions == most
 
 
 def test_a_relative_scenario_survives_another_working_directory(
