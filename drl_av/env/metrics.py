@@ -181,7 +181,7 @@ class EpisodeMetrics:
     def columns(self, kind: type[EpisodeResult]) -> dict[str, Any]:
         """Return the columns of ``kind`` that are attributes of the same name, with their values.
 
-        An attribute that is None is none of them.
+        An attribute that is None is left out.
         """
         values = {item.name: getattr(self, item.name, None) for item in fields(kind)}
         return {name: value for name, value in values.items() if value is not None}

@@ -6,7 +6,7 @@ vehicles hardly react to the ego within one decision, so their real motion is us
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -197,9 +197,14 @@ def affordances_after(
     mandatory = affordances.mandatory
     if mandatory.within_m <= further_m:
         return None
-    moved_to: dict[str, Any] = dict(zip(Affordances._fields[:6], neighbors, strict=True))
+    own_front, own_rear, right_front, right_rear, left_front, left_rear = neighbors
     return affordances._replace(
-        **moved_to,
+        own_front=own_front,
+        own_rear=own_rear,
+        right_front=right_front,
+        right_rear=right_rear,
+        left_front=left_front,
+        left_rear=left_rear,
         ego_speed_m_s=affordances.ego_speed_m_s + faster_m_s,
         ego_y_m=y_m,
         ego_lateral_speed_m_s=affordances.ego_lateral_speed_m_s + leftwards_m_s,
