@@ -35,7 +35,7 @@ def copy_episode(
     shot, vehicles = scene.snapshot, len(scene.snapshot.ids) - 1
     if (twin.seeds[0], twin.vehicles[0]) != (seed, vehicles):
         twin.reset(seed=seed, options={"vehicles": vehicles})
-    world, loop, episodes = twin.world(0), twin.task.loop, twin.episodes
+    world, net, episodes = twin.world(0), twin.task.net, twin.episodes
     if isinstance(simulation, TwinSimulation):
         for ours, its in zip(world, simulation.world, strict=True):
             ours[..., : its.shape[-1]] = its
@@ -43,7 +43,7 @@ def copy_episode(
         kinds = twin.config.per_traffic_preset
         where = simulation.scenario, kinds[kind_of_traffic(seed, len(kinds))]
         seen = shot, requests_of(simulation, shot.time_s), simulation.speeds_chosen()
-        copy_scene(world, loop, fleet.population, fleet.driver_models, *seen, *where)
+        copy_scene(world, net, fleet.population, fleet.driver_models, *seen, *where)
         steps = round(shot.time_s / STEP_S)
         world.near[STEP] = steps
         world.z[[REQUEST_END, TRACKED, TRACKED_LEFT]] += steps

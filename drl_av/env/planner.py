@@ -104,7 +104,7 @@ class Beliefs:
 
     def put(self, guess: IntArray, worlds: TwinVectorEnv) -> None:
         """Give the others in each world the parameters of their guess, shape (worlds, N)."""
-        (x, z, _, near), loop, given = worlds.worlds, worlds.task.loop, self._guesses
+        (x, z, _, near), net, given = worlds.worlds, worlds.task.net, self._guesses
         others = slice(1, guess.shape[1] + 1)
         x[:, DESIRED_M_S, others] = given.desired_speed_m_s[guess]
         x[:, HEADWAY_S, others] = given.headway_s[guess]
@@ -112,7 +112,7 @@ class Beliefs:
         with np.errstate(divide="ignore"):
             x[:, THRESHOLD_LEFT, others] = GAIN / given.speed_gain[guess]
         x[:, THRESHOLD_RIGHT, others] = RIGHT_RELUCTANCE * x[:, THRESHOLD_LEFT, others]
-        for lane in range(loop.first_open, loop.last_open + 1):
+        for lane in range(net.first_open, net.last_open + 1):
             x[:, EXPECTED_M_S + lane, others] = x[:, DESIRED_M_S, others]
         if self._models.any():
             z[:, MODEL, others] = self._models[guess]
@@ -242,8 +242,8 @@ class PlannerDriver(Driver):
         chosen = np.stack((shot.speed_m_s, shot.speed_m_s - before))
         population, models = self._beliefs.population(shot), np.zeros(others + 1, np.int64)
         requests, where = self._requests(shot), (self._scenario, self._kind)
-        world, loop = twin.world(0), twin.task.loop
-        copy_scene(world, loop, population, models, shot, requests, chosen, *where)
+        world, net = twin.world(0), twin.task.net
+        copy_scene(world, net, population, models, shot, requests, chosen, *where)
         twin.episodes.next_event[0] = 0
         place_ego(twin, scene, 0)
 

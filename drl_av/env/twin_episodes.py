@@ -24,7 +24,7 @@ from drl_av.safety.strict import strict_verdicts
 from drl_av.scenarios.folder import Scenario
 from drl_av.twin.commands import drive_traffic, happen
 from drl_av.twin.step import sumo_step
-from drl_av.twin.traffic import loop_of
+from drl_av.twin.traffic import net_of
 from drl_av.twin.worlds import (
     ASIDE_M,
     COUNT,
@@ -37,7 +37,7 @@ from drl_av.twin.worlds import (
     WIDTH_M,
     FloatArray,
     IntArray,
-    Loop,
+    Net,
     World,
     Worlds,
 )
@@ -90,7 +90,7 @@ class Episodes(NamedTuple):
 class Task(NamedTuple):
     """What all worlds have in common: the road and the settings, as numbers."""
 
-    loop: Loop
+    net: Net
     road: RoadNumbers
     range_m: float
     offset: FloatArray
@@ -110,7 +110,7 @@ def task_of(scenario: Scenario, config: Config) -> Task:
     Raises:
         ConfigError: the twin cannot do what the settings ask.
     """
-    road, loop = scenario.road, loop_of(scenario, config)
+    road, net = scenario.road, net_of(scenario, config)
     named_check(config, scenario.vehicle_types, road)  # refuses what it must
     if config.safety.check not in CHECK_NUMBERS:
         raise ConfigError(
@@ -123,7 +123,7 @@ def task_of(scenario: Scenario, config: Config) -> Task:
             "The twin does not know observation.way: drive in SUMO, with gymnasium.make."
         )
     return Task(
-        loop=loop,
+        net=net,
         road=road_numbers(road),
         range_m=float(config.observation.range_m),
         offset=scale.offset,
@@ -165,7 +165,7 @@ def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> 
     """Compute the present scene of the worlds ``rows``."""
     for w in rows:
         world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
-        read_scene(world, task.loop, episodes.scene[w])
+        read_scene(world, task.net, episodes.scene[w])
         look(episodes, task, w, world.near[COUNT])
 
 
@@ -182,13 +182,13 @@ def decide_all(
 @borrowing
 def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
-    loop, scene, plan, lanes = task.loop, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
+    net, scene, plan, lanes = task.net, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
     seen, going = (episodes.values[w], episodes.codes[w]), episodes.executed[w, action]
     begun = lanes[0], lanes[1], episodes.heading_rad[w]
     into = plan[0], plan[1], plan[2]
     limits, front_m = task.road.speed_limits, episodes.values[w, FRONT]
     origin, target, heading_rad = plan_into(
-        *seen, going, *begun, loop.lane_m, limits, front_m, task.ego, *into
+        *seen, going, *begun, net.lane_m, limits, front_m, task.ego, *into
     )
     let_events_happen(world, episodes, w)
     if world.near[DRIVER_COUNT]:
@@ -196,7 +196,7 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     episodes.collision[w, 0] = NO_CONTACT
     for step in range(plan.shape[1]):
         command = plan[0, step], plan[1, step], plan[2, step]
-        kind, row = advance(world, loop, task.road, scene, episodes.before[w], *command)
+        kind, row = advance(world, net, task.road, scene, episodes.before[w], *command)
         if kind != NO_CONTACT:
             episodes.collision[w, 0], episodes.collision[w, 1] = kind, row
             break
@@ -210,7 +210,7 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
 @borrowing
 def advance(
     world: World,
-    loop: Loop,
+    net: Net,
     road: RoadNumbers,
     scene: FloatArray,
     before: FloatArray,
@@ -228,11 +228,11 @@ def advance(
         before[0, i], before[1, i] = scene[0, i], scene[1, i]
     if y_m != scene[1, 0] and not holds(y_m, scene[5, 0], 0.0, road):
         return HIT_EDGE, 0
-    sumo_step(world, loop, speed_m_s, y_m)
-    read_scene(world, loop, scene)
+    sumo_step(world, net, speed_m_s, y_m)
+    read_scene(world, net, scene)
     scene[3, 0] = lateral_speed_m_s
     moved, bodies = (scene[0][:n], scene[1][:n]), (scene[4][:n], scene[5][:n])
-    row, kind, _ = swept_collision(before[0][:n], before[1][:n], *moved, *bodies, loop.lap_m)
+    row, kind, _ = swept_collision(before[0][:n], before[1][:n], *moved, *bodies, net.lap_m)
     return kind, row
 
 
@@ -247,12 +247,12 @@ def let_events_happen(world: World, episodes: Episodes, w: int) -> None:
 
 
 @inlined
-def read_scene(world: World, loop: Loop, scene: FloatArray) -> None:
+def read_scene(world: World, net: Net, scene: FloatArray) -> None:
     """Write the state of all vehicles as the arrays of a snapshot, shape (6, vehicles)."""
     for i in range(world.near[COUNT]):
         s_m = world.x[FRONT_M, i] - 0.5 * world.x[LENGTH_M, i]
-        scene[0, i] = s_m if s_m >= 0 else s_m + loop.lap_m
-        scene[1, i] = world.z[LANE, i] * loop.lane_m + world.x[ASIDE_M, i]
+        scene[0, i] = s_m if s_m >= 0 else s_m + net.lap_m
+        scene[1, i] = world.z[LANE, i] * net.lane_m + world.x[ASIDE_M, i]
         scene[2, i] = world.x[SPEED_M_S, i]
         scene[3, i] = world.x[LATERAL_SPEED_M_S, i]
         scene[4, i] = world.x[LENGTH_M, i]
@@ -274,7 +274,7 @@ def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     if task.check == PAPER:
         paper_verdicts(values, codes, origin, target, task.safety, executed, rules)
     elif task.check == STRICT:
-        ground = task.loop.lap_m, task.loop.lane_m, task.road.barriers, values[FRONT]
+        ground = task.net.lap_m, task.net.lane_m, task.road.barriers, values[FRONT]
         lanes = (origin, target)
         strict_verdicts(state, codes, lanes, ground, task.strict, task.ego, executed, rules)
     else:

@@ -16,7 +16,7 @@ from drl_av.simulation.gui_camera import Color
 from drl_av.simulation.vehicle_calls import EgoModel
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import loop_of, place_vehicles
+from drl_av.twin.traffic import net_of, place_vehicles
 from drl_av.twin.worlds import STEP, WISH_M_S2, World, empty_worlds
 
 
@@ -35,7 +35,7 @@ class TwinSimulation:
                 "The twin has neither sumo-gui nor options of SUMO: leave simulation.world at "
                 "sumo, or film it with the render mode rgb_array."
             )
-        self._loop = loop_of(scenario, config)
+        self._loop = net_of(scenario, config)
         self.fleet = Fleet(scenario, config)
         self.scenario, self.road, self._config = scenario, scenario.road, config
         self._road = road_numbers(scenario.road)

@@ -115,7 +115,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
     def _make_arrays(self, vehicles: int, events: int) -> None:
         """Make the arrays of all worlds for so many vehicles and events in one."""
         worlds, steps = self.num_envs, self.config.simulation.steps_per_decision
-        self.worlds = empty_worlds(worlds, vehicles, self.task.loop.lanes)
+        self.worlds = empty_worlds(worlds, vehicles, self.task.net.lanes)
         self.episodes = empty_episodes(worlds, vehicles, steps, events)
 
     def reset(
@@ -306,7 +306,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
         for row, one in zip(rows.tolist(), drawn, strict=True):
             vehicles_of_it = one.population, one.driver_models, self._scenario, one.config
-            place_vehicles(self.world(row), self.task.loop, *vehicles_of_it)
+            place_vehicles(self.world(row), self.task.net, *vehicles_of_it)
             self._set_events(row, one.events)
         episodes = self.episodes
         episodes.lanes[rows] = self.worlds.z[rows, LANE, :1]

@@ -6,21 +6,21 @@ are whole numbers with a bit for each.
 """
 
 from drl_av.compiled import inlined
-from drl_av.twin.worlds import ACTIVE, ACTIVE_COUNT, COUNT, EDGE, LANE, Loop, World
+from drl_av.twin.worlds import ACTIVE, ACTIVE_COUNT, COUNT, EDGE, LANE, Net, World
 
 
 @inlined
-def strip_of(world: World, loop: Loop, i: int) -> int:
+def strip_of(world: World, net: Net, i: int) -> int:
     """Return the strip on which the front of a vehicle is."""
-    return int(world.z[EDGE, i] * loop.lanes + world.z[LANE, i])
+    return int(world.z[EDGE, i] * net.lanes + world.z[LANE, i])
 
 
 @inlined
-def strips_with_vehicles(world: World, loop: Loop) -> int:
+def strips_with_vehicles(world: World, net: Net) -> int:
     """Return the set of the strips on which vehicles are now."""
     strips = 0
     for i in range(world.near[COUNT]):
-        strips |= 1 << strip_of(world, loop, i)
+        strips |= 1 << strip_of(world, net, i)
     return strips
 
 

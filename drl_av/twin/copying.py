@@ -41,7 +41,7 @@ from drl_av.twin.worlds import (
     WIDTH_M,
     FloatArray,
     IntArray,
-    Loop,
+    Net,
     World,
 )
 
@@ -51,7 +51,7 @@ LONG_STEPS = 40
 
 def copy_scene(
     world: World,
-    loop: Loop,
+    net: Net,
     population: Population,
     driver_models: IntArray,
     snapshot: Snapshot,
@@ -68,19 +68,19 @@ def copy_scene(
     drivers remember cannot be seen. Each is taken to have had the present traffic around it for
     long, and one that rests beside the centre of its lane to have reason to stay there.
     """
-    place_vehicles(world, loop, population, driver_models, scenario, config)
+    place_vehicles(world, net, population, driver_models, scenario, config)
     x, z, n = world.x, world.z, len(snapshot.ids)
-    x[FRONT_M, :n] = (snapshot.s_m + x[LENGTH_M, :n] / 2) % loop.lap_m
+    x[FRONT_M, :n] = (snapshot.s_m + x[LENGTH_M, :n] / 2) % net.lap_m
     x[SPEED_M_S, :n] = snapshot.speed_m_s
     x[CHOSEN_M_S, :n], x[ACCELERATION_NOW_M_S2, :n] = chosen
     x[LATERAL_SPEED_M_S, :n] = snapshot.lateral_speed_m_s
-    lanes = np.floor(snapshot.y_m / loop.lane_m + 0.5).astype(np.int64)
-    z[LANE, :n], x[ASIDE_M, :n] = lanes, snapshot.y_m - lanes * loop.lane_m
+    lanes = np.floor(snapshot.y_m / net.lane_m + 0.5).astype(np.int64)
+    z[LANE, :n], x[ASIDE_M, :n] = lanes, snapshot.y_m - lanes * net.lane_m
     x[ASIDE_M, :n][np.abs(x[ASIDE_M, :n]) < 1e-9] = 0.0
     z[TRACKED], z[TRACKED_LEFT] = -LONG_STEPS, -LONG_STEPS
     for row in range(n):
         lane, aside_m, width_m = int(lanes[row]), float(x[ASIDE_M, row]), float(x[WIDTH_M, row])
-        other = shadow_lane(aside_m, width_m, lane, loop)
+        other = shadow_lane(aside_m, width_m, lane, net)
         z[SHADOW, row] = other
         z[MASK, row] = 1 << lane | (1 << other if other >= 0 else 0)
         if row in requests:
@@ -88,25 +88,25 @@ def copy_scene(
             z[REQUEST_END, row] = steps
             is_bound = steps >= 0 or z[ON_REQUEST_ONLY, row]
             if snapshot.lateral_speed_m_s[row] and is_bound:
-                rest_m = rest_of_change(lane, aside_m, width_m, int(z[REQUEST_LANE, row]), loop)
+                rest_m = rest_of_change(lane, aside_m, width_m, int(z[REQUEST_LANE, row]), net)
                 x[MANEUVER_M, row], x[COMMANDED_M, row] = rest_m, rest_m
     rests = (x[ASIDE_M] != 0.0) & (x[LATERAL_SPEED_M_S] == 0.0)
     x[GAIN_LEFT], x[GAIN_RIGHT] = (
         -1.0 * (rests & (x[ASIDE_M] < 0)),
         -1.0 * (rests & (x[ASIDE_M] > 0)),
     )
-    sort_and_activate(world, loop)
-    advise_all(world, loop)
+    sort_and_activate(world, net)
+    advise_all(world, net)
 
 
-def rest_of_change(lane: int, aside_m: float, width_m: float, target: int, loop: Loop) -> float:
+def rest_of_change(lane: int, aside_m: float, width_m: float, target: int, net: Net) -> float:
     """Return the lateral distance left until a body is wholly in its target lane, left positive."""
-    least_m = 0.5 * loop.lane_m - 0.5 * (width_m + EPS)  # from the centre of the target lane
-    away_m = (target - lane) * loop.lane_m - aside_m
+    least_m = 0.5 * net.lane_m - 0.5 * (width_m + EPS)  # from the centre of the target lane
+    away_m = (target - lane) * net.lane_m - aside_m
     return math.copysign(max(abs(away_m) - least_m, 0.0), away_m)
 
 
-def advise_all(world: World, loop: Loop) -> None:
+def advise_all(world: World, net: Net) -> None:
     """Let the drivers look around and ask for room as at the end of the last step, without moving.
 
     Each does so from where it was before its last move sideways.
@@ -115,12 +115,12 @@ def advise_all(world: World, loop: Loop) -> None:
     world.near[STEP] -= 1
     for k in range(int(world.near[COUNT])):
         row = z[ORDER, k]
-        if row != 0 and needs_thought(world, loop, k):
+        if row != 0 and needs_thought(world, net, k):
             reals, wholes = x[:, row].copy(), z[:, row].copy()
-            shift(world, loop, row, -x[LATERAL_SPEED_M_S, row] * STEP_S)
-            change_lane(world, loop, k)
+            shift(world, net, row, -x[LATERAL_SPEED_M_S, row] * STEP_S)
+            change_lane(world, net, k)
             kept = x[ADVICE_M_S, row]
             x[:, row], z[:, row] = reals, wholes
             x[ADVICE_M_S, row] = kept
-            link(world, loop)
+            link(world, net)
     world.near[STEP] += 1

@@ -63,13 +63,13 @@ from drl_av.twin.worlds import (
     TRACKED_LEFT,
     WANTS,
     WIDTH_M,
-    Loop,
+    Net,
     World,
 )
 
 
 @inlined
-def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
+def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
     """Let the vehicles change lanes one after the other: edge by edge, on each the foremost first.
 
     A driver knows the lane changes of those before it.
@@ -79,7 +79,7 @@ def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
     for k in range(n - 1, -1, -1):
         near[FIRST_ON + z[EDGE, z[ORDER, k]]] = k
     for m in range(near[ACTIVE_COUNT]):
-        edge = near[ACTIVE + m] // loop.lanes
+        edge = near[ACTIVE + m] // net.lanes
         if done & (1 << edge):
             continue
         done |= 1 << edge
@@ -88,42 +88,42 @@ def change_lanes(world: World, loop: Loop, ego_y_m: float) -> None:
             if z[EDGE, i] < edge:
                 break
             if i == 0:
-                place_ego(world, loop, ego_y_m)
-            elif needs_thought(world, loop, k):
-                change_lane(world, loop, k)
+                place_ego(world, net, ego_y_m)
+            elif needs_thought(world, net, k):
+                change_lane(world, net, k)
             elif z[PREVIOUS_STATE, i] != SUBLANE | STAY:
                 settle(world, i)
     if near[HAS_CHANGED]:
-        activate(world, strips_with_vehicles(world, loop))
+        activate(world, strips_with_vehicles(world, net))
 
 
 @inlined
-def place_ego(world: World, loop: Loop, y_m: float) -> None:
+def place_ego(world: World, net: Net, y_m: float) -> None:
     """Move the ego sideways to ``y_m``."""
-    was_m = world.z[LANE, 0] * loop.lane_m + world.x[ASIDE_M, 0]
-    shift(world, loop, 0, y_m - was_m)
+    was_m = world.z[LANE, 0] * net.lane_m + world.x[ASIDE_M, 0]
+    shift(world, net, 0, y_m - was_m)
 
 
 @borrowing
-def shift(world: World, loop: Loop, i: int, move_m: float) -> bool:
+def shift(world: World, net: Net, i: int, move_m: float) -> bool:
     """Move a vehicle sideways; return whether its centre has entered another lane."""
     lane, aside_m = world.z[LANE, i], world.x[ASIDE_M, i] + move_m
     world.x[LATERAL_SPEED_M_S, i] = move_m / STEP_S
     entered = False
-    if abs(aside_m) > 0.5 * loop.lane_m:
+    if abs(aside_m) > 0.5 * net.lane_m:
         side = -1 if aside_m < 0 else 1
-        if i == 0 or is_open(loop, lane + side):
-            aside_m -= side * loop.lane_m
+        if i == 0 or is_open(net, lane + side):
+            aside_m -= side * net.lane_m
             lane += side
             entered = True
             world.near[HAS_CHANGED] = 1
     world.z[LANE, i], world.x[ASIDE_M, i] = lane, aside_m
-    other = shadow_lane(aside_m, world.x[WIDTH_M, i], lane, loop)
+    other = shadow_lane(aside_m, world.x[WIDTH_M, i], lane, net)
     world.z[SHADOW, i] = other
     mask = 1 << lane | (1 << other if other >= 0 else 0)
     if mask != world.z[MASK, i]:
         world.z[MASK, i] = mask
-        link(world, loop)
+        link(world, net)
     return entered
 
 
@@ -139,37 +139,37 @@ def settle(world: World, i: int) -> None:
 
 
 @inlined
-def change_lane(world: World, loop: Loop, k: int) -> None:
+def change_lane(world: World, net: Net, k: int) -> None:
     """Let the ``k``-th vehicle decide on its lane, and move it sideways."""
     i = world.z[ORDER, k]
     if world.z[TRACKED_LEFT, i] < world.near[STEP] - 1:
-        track(world, loop, k)  # also of the steps in which it did not matter
+        track(world, net, k)  # also of the steps in which it did not matter
     else:
-        look_around(world, loop, k)
+        look_around(world, net, k)
     notes, near, own = world.notes, world.near, world.z[LANE, i]
-    sides = (RIGHT if is_open(loop, own - 1) else 0) | (LEFT if is_open(loop, own + 1) else 0)
+    sides = (RIGHT if is_open(net, own - 1) else 0) | (LEFT if is_open(net, own + 1) else 0)
     for d in (-1, 0, 1):
         near[FOLLOWER + 1 + d] = -1
-        if is_open(loop, own + d):
-            j, gap_m = follower(world, loop, k, own + d)
+        if is_open(net, own + d):
+            j, gap_m = follower(world, net, k, own + d)
             near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d] = j, gap_m
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
-    center = center_m(world, loop, i)
+    center = center_m(world, net, i)
     notes[SAFE_RIGHT] = center - half_m
-    notes[SAFE_LEFT] = loop.lanes * loop.lane_m - center - half_m
+    notes[SAFE_LEFT] = net.lanes * net.lane_m - center - half_m
     notes[LAST_RIGHT] = math.inf
     notes[LAST_LEFT] = math.inf
     at_m = world.x[FRONT_M, i]
-    notes[LEFT_SPACE] = ROUTE_M - (at_m - world.z[EDGE, i] * loop.edge_m)
+    notes[LEFT_SPACE] = ROUTE_M - (at_m - world.z[EDGE, i] * net.edge_m)
     near[RELATED_COUNT] = -1
     world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0
     if sides & RIGHT:
-        right, right_m, right_all_m = considered(world, loop, i, -1, sides)
+        right, right_m, right_all_m = considered(world, net, i, -1, sides)
     left, left_m, left_all_m = 0, 0.0, 0.0
     if sides & LEFT:
-        left, left_m, left_all_m = considered(world, loop, i, 1, sides)
-    here, here_m, here_all_m = considered(world, loop, i, 0, sides)
+        left, left_m, left_all_m = considered(world, net, i, 1, sides)
+    here, here_m, here_all_m = considered(world, net, i, 0, sides)
     state, move_m, all_m, side = right, right_m, right_all_m, -1
     if is_second(right, right_m, left, left_m, -1, 1):
         state, move_m, all_m, side = left, left_m, left_all_m, 1
@@ -186,17 +186,17 @@ def change_lane(world: World, loop: Loop, k: int) -> None:
         return
     left_m = all_m - move_m
     world.x[MANEUVER_M, i] = 0.0 if abs(left_m) < EPS else left_m
-    if shift(world, loop, i, move_m) and world.z[IS_FULL, i]:
+    if shift(world, net, i, move_m) and world.z[IS_FULL, i]:
         world.z[STATE, i] = 0
         world.x[GAIN_LEFT, i] = 0.0
         world.x[GAIN_RIGHT, i] = 0.0
         world.x[ADVICE_M_S, i] = math.inf
-    reserve(world, loop, i)
+    reserve(world, net, i)
     world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i] if world.z[STATE, i] & REQUESTED else 0.0
 
 
 @inlined
-def reserve(world: World, loop: Loop, i: int) -> None:
+def reserve(world: World, net: Net, i: int) -> None:
     """Note the lane that the rest of the maneuver leads into, if the body is not there yet."""
     world.z[RESERVED, i] = -1
     rest_m = world.x[MANEUVER_M, i]
@@ -204,25 +204,25 @@ def reserve(world: World, loop: Loop, i: int) -> None:
         return
     half_m, aside_m = 0.5 * world.x[WIDTH_M, i], world.x[ASIDE_M, i]
     side = 0
-    if aside_m - half_m + rest_m < -0.5 * loop.lane_m:
+    if aside_m - half_m + rest_m < -0.5 * net.lane_m:
         side = -1
-    elif aside_m + half_m + rest_m > 0.5 * loop.lane_m:
+    elif aside_m + half_m + rest_m > 0.5 * net.lane_m:
         side = 1
     lane = world.z[LANE, i] + side
-    if side and 0 <= lane < loop.lanes and lane != world.z[SHADOW, i]:
+    if side and 0 <= lane < net.lanes and lane != world.z[SHADOW, i]:
         world.z[RESERVED, i] = lane
-        link(world, loop)
+        link(world, net)
 
 
 @borrowing
-def considered(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple[int, float, float]:
+def considered(world: World, net: Net, i: int, side: int, sides: int) -> tuple[int, float, float]:
     """Return the state, the move and the maneuver to which considering a side leads."""
-    state = wish(world, loop, i, side, sides)
-    state = keep_lateral_gap(world, loop, i, side, state)
+    state = wish(world, net, i, side, sides)
+    state = keep_lateral_gap(world, net, i, side, state)
     state |= signed(state, world.notes[MOVE])
     limit_move(world, i)
     state = influenced(
-        state, request_of(world, loop, i), world.z[ON_REQUEST_ONLY, i], world.x[COMMANDED_M, i] != 0
+        state, request_of(world, net, i), world.z[ON_REQUEST_ONLY, i], world.x[COMMANDED_M, i] != 0
     )
     return state, world.notes[MOVE], world.notes[MANEUVER]
 

@@ -68,7 +68,7 @@ from drl_av.twin.worlds import (
     THRESHOLD_RIGHT,
     URGENT,
     WIDTH_M,
-    Loop,
+    Net,
     World,
 )
 
@@ -78,18 +78,18 @@ COOPERATION = 1.0
 
 
 @inlined
-def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
+def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
     """Return the state after considering a side; the move and maneuver go to ``notes``."""
     notes, near = world.notes, world.near
     notes[MOVE] = 0.0
     notes[MANEUVER] = 0.0
     state = world.z[STATE, i] & ASKED
     width_m, aside_m, own = world.x[WIDTH_M, i], world.x[ASIDE_M, i], world.z[LANE, i]
-    request, on_request_only = request_of(world, loop, i), world.z[ON_REQUEST_ONLY, i]
+    request, on_request_only = request_of(world, net, i), world.z[ON_REQUEST_ONLY, i]
     is_commanded = world.x[COMMANDED_M, i] != 0
     across_m = 0.0
     if side != 0:
-        across_m = lane_side_distance(width_m, aside_m, side, loop.lane_m)
+        across_m = lane_side_distance(width_m, aside_m, side, net.lane_m)
         ahead = near[LEADER + 2]
         fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
         if side > 0 and ahead >= 0 and fast and not world.near[OVERTAKES_RIGHT]:
@@ -106,16 +106,16 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
         other = own + side
         j, gap_m = near[LEADER + 1 + side], notes[LEADER_GAP + 1 + side]
         right, left = update_gaps(
-            world, loop, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
+            world, net, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
         )
         j, gap_m = near[FOLLOWER + 1 + side], notes[FOLLOWER_GAP + 1 + side]
         right, left = update_gaps(
-            world, loop, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
+            world, net, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
         )
         notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
         return state
     if state & URGENT:
-        return state | ask_for_room(world, loop, i, side)
+        return state | ask_for_room(world, net, i, side)
     mine = ASKED_BY_RIGHTWARD if side < 0 else ASKED_BY_LEFTWARD
     if side != 0:
         helps = world.z[STATE, i] & IS_BLOCKING_FOLLOWER
@@ -132,8 +132,8 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
             if influenced(asked, request, on_request_only, is_commanded) == asked:
                 notes[MOVE] = across_m if helps else world.x[MANEUVER_M, i]
                 notes[MANEUVER] = notes[MOVE]
-                return wanted | check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
-    move_m, stays = weigh_gains(world, loop, i, side, sides)
+                return wanted | check_blocking(world, net, i, side, LATERAL_GAP_M, False)
+    move_m, stays = weigh_gains(world, net, i, side, sides)
     goes_right = side <= 0 and move_m < 0
     goes_right = goes_right and world.x[GAIN_RIGHT, i] >= max(
         world.x[THRESHOLD_RIGHT, i], world.x[GAIN_LEFT, i]
@@ -146,17 +146,17 @@ def wish(world: World, loop: Loop, i: int, side: int, sides: int) -> int:
         if influenced(asked, request, on_request_only, is_commanded) == asked:
             notes[MOVE] = move_m
             notes[MANEUVER] = move_m
-            return wanted | check_blocking(world, loop, i, side, 0.0, False)
+            return wanted | check_blocking(world, net, i, side, 0.0, False)
         move_m = 0.0
-    return align(world, loop, i, side, state, request, move_m, stays)
+    return align(world, net, i, side, state, request, move_m, stays)
 
 
 @borrowing
-def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
+def ask_for_room(world: World, net: Net, i: int, side: int) -> int:
     """Ask the vehicles in the way of a requested lane change for room; return what blocks it."""
     notes, near = world.notes, world.near
     notes[MANEUVER] = notes[MOVE]
-    blocked = check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
+    blocked = check_blocking(world, net, i, side, LATERAL_GAP_M, False)
     blockers = near[BLOCKERS]
     seconds = max((world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S, 1e-300)
     planned = world.x[SPEED_M_S, i]
@@ -175,7 +175,7 @@ def ask_for_room(world: World, loop: Loop, i: int, side: int) -> int:
 @inlined
 def align(
     world: World,
-    loop: Loop,
+    net: Net,
     i: int,
     side: int,
     state: int,
@@ -191,7 +191,7 @@ def align(
     if (
         (back_m < 0 and world.x[GAIN_RIGHT, i] < LOSS)
         or (back_m > 0 and world.x[GAIN_LEFT, i] < LOSS)
-        or speed_gain_of(world, loop, i, back_m, stays) < -1.0
+        or speed_gain_of(world, net, i, back_m, stays) < -1.0
     ):
         back_m = 0.0
     maneuver_m = world.x[MANEUVER_M, i]
@@ -208,33 +208,33 @@ def align(
     if influenced(asked, request, world.z[ON_REQUEST_ONLY, i], is_commanded) == asked:
         notes[MOVE] = back_m
         notes[MANEUVER] = back_m
-        return wanted | check_blocking(world, loop, i, side, LATERAL_GAP_M, False)
+        return wanted | check_blocking(world, net, i, side, LATERAL_GAP_M, False)
     return wanted & ~SUBLANE
 
 
 @inlined
-def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) -> int:
+def keep_lateral_gap(world: World, net: Net, i: int, side: int, state: int) -> int:
     """Return the state after keeping a lateral gap to vehicles beside, and a begun request."""
     notes, near, own = world.notes, world.near, world.z[LANE, i]
     blocked = state & (BLOCKED | OVERLAPPING)
     state &= ~(BLOCKED | OVERLAPPING)
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
-    center = center_m(world, loop, i)
-    right, left = center - half_m, loop.lanes * loop.lane_m - center - half_m
+    center = center_m(world, net, i)
+    right, left = center - half_m, net.lanes * net.lane_m - center - half_m
     kept_m = 0.0 if right < 0 or left < 0 else LATERAL_GAP_M
     net_m = -world.x[LENGTH_M, i] * 0.5
     for d in (0, side):
         j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
-        right, left = update_gaps(world, loop, i, own + d, j, gap_m, right, left, kept_m, True, 0.0)
+        right, left = update_gaps(world, net, i, own + d, j, gap_m, right, left, kept_m, True, 0.0)
         j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
         right, left = update_gaps(
-            world, loop, i, own + d, j, gap_m, right, left, kept_m, True, net_m
+            world, net, i, own + d, j, gap_m, right, left, kept_m, True, net_m
         )
         if side == 0:
             break
     body_right = right if notes[LAST_RIGHT] == math.inf else notes[LAST_RIGHT]
     body_left = left if notes[LAST_LEFT] == math.inf else notes[LAST_LEFT]
-    aside_m, half_lane_m = world.x[ASIDE_M, i], 0.5 * loop.lane_m
+    aside_m, half_lane_m = world.x[ASIDE_M, i], 0.5 * net.lane_m
     if side >= 0:
         right = min(right, max(0.0, half_lane_m + aside_m - half_m))
         body_right = min(body_right, max(0.0, half_lane_m + aside_m - half_m))
@@ -271,7 +271,7 @@ def keep_lateral_gap(world: World, loop: Loop, i: int, side: int, state: int) ->
     if abs(move_m) > TINY_M and before_m == 0:
         state &= ~(REASONS | STAY) | REQUESTED
     if abs(move_m - before_m) > TINY_M:
-        blocked = check_blocking(world, loop, i, side, LATERAL_GAP_M, full)
+        blocked = check_blocking(world, net, i, side, LATERAL_GAP_M, full)
         move_m = notes[MOVE]
     if abs(move_m) > TINY_M:
         state &= ~STAY

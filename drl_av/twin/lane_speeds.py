@@ -39,7 +39,7 @@ from drl_av.twin.worlds import (
     TRACKED,
     TRACKED_LEFT,
     WIDTH_M,
-    Loop,
+    Net,
     World,
 )
 
@@ -57,9 +57,9 @@ TRACK_STEPS = 8
 
 
 @inlined
-def is_open(loop: Loop, lane: int) -> bool:
+def is_open(net: Net, lane: int) -> bool:
     """Return whether the lane exists and is open."""
-    return loop.first_open <= lane <= loop.last_open
+    return net.first_open <= lane <= net.last_open
 
 
 @inlined
@@ -69,19 +69,19 @@ def decayed(steps: int) -> float:
 
 
 @inlined
-def look_around(world: World, loop: Loop, k: int) -> None:
+def look_around(world: World, net: Net, k: int) -> None:
     """Find the vehicles ahead of the ``k``-th one in all lanes, and what speed each lane promises.
 
     The leaders in the right, own and left lane go to ``near`` and their net gaps to ``notes``.
     """
     x, near = world.x, world.near
     i = world.z[ORDER, k]
-    own, pos_m = world.z[LANE, i], x[FRONT_M, i] - world.z[EDGE, i] * loop.edge_m
-    seen_m = reach_m(loop.edge_m - pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i], loop.edge_m)
+    own, pos_m = world.z[LANE, i], x[FRONT_M, i] - world.z[EDGE, i] * net.edge_m
+    seen_m = reach_m(net.edge_m - pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i], net.edge_m)
     for d in range(3):
         near[LEADER + d] = -1
-    for lane in range(loop.first_open, loop.last_open + 1):
-        j, rear_m = leader(world, loop, k, lane, seen_m)
+    for lane in range(net.first_open, net.last_open + 1):
+        j, rear_m = leader(world, net, k, lane, seen_m)
         gap_m = rear_m - MIN_GAP_M if j >= 0 else ROUTE_M - pos_m
         if abs(lane - own) <= 1:
             near[LEADER + 1 + lane - own], world.notes[LEADER_GAP + 1 + lane - own] = j, gap_m
@@ -119,22 +119,22 @@ def expect(world: World, i: int, lane: int, promised: float) -> None:
 
 
 @borrowing
-def track(world: World, loop: Loop, k: int) -> None:
+def track(world: World, net: Net, k: int) -> None:
     """Bring the expected speeds up to date, and the gain of a driver that changes for no speed.
 
     SL2015 moves a vehicle back to the centre of its lane only if that side is not the slower one.
     """
-    look_around(world, loop, k)
+    look_around(world, net, k)
     x, z = world.x, world.z
     i = z[ORDER, k]
     own, steps = z[LANE, i], world.near[STEP] - z[TRACKED_LEFT, i]
     z[TRACKED, i], z[TRACKED_LEFT, i] = world.near[STEP], world.near[STEP]
-    if own == loop.last_open:
-        checks = 2 if own > loop.first_open else 1
+    if own == net.last_open:
+        checks = 2 if own > net.first_open else 1
         x[GAIN_LEFT, i] *= decayed(checks * steps)
         return
     gain = -math.inf
-    for lane in range(own + 1, loop.lanes):
+    for lane in range(own + 1, net.lanes):
         its = x[EXPECTED_M_S + lane, i]
         gain = max(gain, (its - x[EXPECTED_M_S + own, i]) / max(its, SLOW_M_S))
     if abs(gain) < EPS:
@@ -144,7 +144,7 @@ def track(world: World, loop: Loop, k: int) -> None:
 
 
 @inlined
-def rests_aside(world: World, loop: Loop, k: int) -> bool:
+def rests_aside(world: World, net: Net, k: int) -> bool:
     """Return whether the ``k``-th vehicle stays right of its centre in any case, with none beside.
 
     It does while the side of the centre has been the slower one for long (``LONG_LOSS``).
@@ -157,13 +157,13 @@ def rests_aside(world: World, loop: Loop, k: int) -> bool:
         return False
     ahead, behind = z[ORDER, k - 1 if k > 0 else n - 1], z[ORDER, k + 1 if k < n - 1 else 0]
     ahead_m, behind_m = x[FRONT_M, ahead] - x[FRONT_M, i], x[FRONT_M, i] - x[FRONT_M, behind]
-    ahead_m = ahead_m if ahead_m >= 0 else ahead_m + loop.lap_m
-    behind_m = behind_m if behind_m >= 0 else behind_m + loop.lap_m
+    ahead_m = ahead_m if ahead_m >= 0 else ahead_m + net.lap_m
+    behind_m = behind_m if behind_m >= 0 else behind_m + net.lap_m
     return bool(ahead_m - x[LENGTH_M, ahead] > MIN_GAP_M and behind_m - x[LENGTH_M, i] > MIN_GAP_M)
 
 
 @inlined
-def needs_thought(world: World, loop: Loop, k: int) -> bool:
+def needs_thought(world: World, net: Net, k: int) -> bool:
     """Return whether the ``k``-th vehicle may move sideways now; if not, do what else it does.
 
     This holds for a vehicle at the centre of its lane that no driver asks for room and that changes
@@ -174,36 +174,36 @@ def needs_thought(world: World, loop: Loop, k: int) -> bool:
     i = z[ORDER, k]
     if x[COMMANDED_M, i] != 0.0 or z[STATE, i] & ASKED:
         return True
-    if x[ASIDE_M, i] != 0.0 and not rests_aside(world, loop, k):
+    if x[ASIDE_M, i] != 0.0 and not rests_aside(world, net, k):
         return True
     if z[REQUEST_END, i] >= world.near[STEP] or x[THRESHOLD_LEFT, i] != math.inf:
         return True
     if (world.near[STEP] + i) % TRACK_STEPS == 0:
-        track(world, loop, k)
+        track(world, net, k)
     own, speed = z[LANE, i], x[SPEED_M_S, i]
-    follows = own < loop.last_open and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
-    tracks = own > loop.first_open and x[GAIN_RIGHT, i] == math.inf
+    follows = own < net.last_open and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
+    tracks = own > net.first_open and x[GAIN_RIGHT, i] == math.inf
     is_new = tracks and z[TRACKED, i] < world.near[STEP]
     if not follows and not tracks:
         return False
-    pos_m = x[FRONT_M, i] - z[EDGE, i] * loop.edge_m
-    seen_m = reach_m(loop.edge_m - pos_m, speed, x[HEADWAY_S, i], loop.edge_m)
+    pos_m = x[FRONT_M, i] - z[EDGE, i] * net.edge_m
+    seen_m = reach_m(net.edge_m - pos_m, speed, x[HEADWAY_S, i], net.edge_m)
     if follows:
-        j, rear_m = leader(world, loop, k, own + 1, seen_m)
+        j, rear_m = leader(world, net, k, own + 1, seen_m)
         if j >= 0:
             keep_behind(world, i, j, rear_m - MIN_GAP_M)
     if not tracks:
         return False
     if is_new:
-        for lane in range(loop.first_open, own + 1):
-            j, rear_m = leader(world, loop, k, lane, seen_m)
+        for lane in range(net.first_open, own + 1):
+            j, rear_m = leader(world, net, k, lane, seen_m)
             gap_m = rear_m - MIN_GAP_M if j >= 0 else ROUTE_M - pos_m
             expect(world, i, lane, promised_speed(world, i, j, gap_m))
     z[TRACKED, i] = world.near[STEP]
-    for lane in range(loop.first_open, own):
+    for lane in range(net.first_open, own):
         its = x[EXPECTED_M_S + lane, i]
         if its - x[EXPECTED_M_S + own, i] > GAIN_SEEN * max(its, SLOW_M_S):
-            j, rear_m = leader(world, loop, k, own - 1, seen_m)
+            j, rear_m = leader(world, net, k, own - 1, seen_m)
             if j < 0:
                 return True
             needed_m = secure_gap(speed, x[SPEED_M_S, j], x[HEADWAY_S, i], False)
@@ -226,16 +226,16 @@ def keep_behind(world: World, i: int, j: int, gap_m: float) -> None:
 
 
 @inlined
-def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tuple[float, float]:
+def weigh_gains(world: World, net: Net, i: int, side: int, sides: int) -> tuple[float, float]:
     """Update the gains of speed to each side; return the best lateral move, and the own speed.
 
     ``sides`` holds the flags of the sides that are open to the vehicle.
     """
-    lane_m, own = loop.lane_m, world.z[LANE, i]
+    lane_m, own = net.lane_m, world.z[LANE, i]
     width_m = world.x[WIDTH_M, i] + EPS
-    right = center_m(world, loop, i) - 0.5 * width_m
+    right = center_m(world, net, i) - 0.5 * width_m
     left = right + width_m
-    high = loop.lanes - 1
+    high = net.lanes - 1
     while high > 0 and high * lane_m > left:
         high -= 1
     low = high
@@ -247,7 +247,7 @@ def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tupl
     end_left = (max(own, own + side) + 1) * lane_m - left
     end_right = min(own, own + side) * lane_m - right
     best, best_right, best_left, move_m = -math.inf, -math.inf, -math.inf, 0.0
-    first, last = 0 if side < 0 else own, loop.lanes - 1 if side > 0 else own
+    first, last = 0 if side < 0 else own, net.lanes - 1 if side > 0 else own
     for lane in range(first, last + 1):
         at = lane * lane_m
         its = world.x[EXPECTED_M_S + lane, i]
@@ -280,12 +280,12 @@ def weigh_gains(world: World, loop: Loop, i: int, side: int, sides: int) -> tupl
 
 
 @inlined
-def speed_gain_of(world: World, loop: Loop, i: int, move_m: float, stays: float) -> float:
+def speed_gain_of(world: World, net: Net, i: int, move_m: float, stays: float) -> float:
     """Return the expected change of the speed after a lateral move."""
     result = math.inf
     width_m = world.x[WIDTH_M, i] + EPS
-    right = center_m(world, loop, i) - 0.5 * width_m + move_m
-    for lane in range(loop.lanes):
-        if overlaps(right, right + width_m, lane * loop.lane_m, (lane + 1) * loop.lane_m):
+    right = center_m(world, net, i) - 0.5 * width_m + move_m
+    for lane in range(net.lanes):
+        if overlaps(right, right + width_m, lane * net.lane_m, (lane + 1) * net.lane_m):
             result = min(result, world.x[EXPECTED_M_S + lane, i])
     return result - stays

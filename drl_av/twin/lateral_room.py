@@ -36,7 +36,7 @@ from drl_av.twin.worlds import (
     URGENT,
     WANTS,
     WIDTH_M,
-    Loop,
+    Net,
     World,
 )
 
@@ -65,10 +65,10 @@ def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float)
 
 
 @inlined
-def request_of(world: World, loop: Loop, i: int) -> int:
+def request_of(world: World, net: Net, i: int) -> int:
     """Return the side of the request that stands: -1, +1, ``HOLD``, or 0 without one."""
     wanted = world.z[REQUEST_LANE, i]
-    if wanted < 0 or wanted >= loop.lanes or world.near[STEP] > world.z[REQUEST_END, i]:
+    if wanted < 0 or wanted >= net.lanes or world.near[STEP] > world.z[REQUEST_END, i]:
         return 0
     lane = world.z[LANE, i]
     return HOLD if wanted == lane else (-1 if wanted < lane else 1)
@@ -124,28 +124,28 @@ def is_related(world: World, j: int) -> bool:
 
 
 @inlined
-def relate(world: World, loop: Loop, i: int, lane: int, j: int, gap_m: float) -> None:
+def relate(world: World, net: Net, i: int, lane: int, j: int, gap_m: float) -> None:
     """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
     if j < 0 or gap_m < 0 or is_related(world, j):
         return
     width_m = world.x[WIDTH_M, i] - EPS
-    right = center_m(world, loop, i) - 0.5 * width_m
-    if overlaps(right, right + width_m, lane * loop.lane_m, (lane + 1) * loop.lane_m):
+    right = center_m(world, net, i) - 0.5 * width_m
+    if overlaps(right, right + width_m, lane * net.lane_m, (lane + 1) * net.lane_m):
         count = world.near[RELATED_COUNT]
         world.near[RELATED + count] = j
         world.near[RELATED_COUNT] = count + 1
 
 
 @inlined
-def center_m(world: World, loop: Loop, i: int) -> float:
+def center_m(world: World, net: Net, i: int) -> float:
     """Return the lateral position of a body's centre from the right border of the road."""
-    return (world.z[LANE, i] + 0.5) * loop.lane_m + world.x[ASIDE_M, i]
+    return (world.z[LANE, i] + 0.5) * net.lane_m + world.x[ASIDE_M, i]
 
 
 @inlined
 def update_gaps(
     world: World,
-    loop: Loop,
+    net: Net,
     i: int,
     lane: int,
     j: int,
@@ -164,12 +164,12 @@ def update_gaps(
         return room_right, room_left
     if net_m != 0.0 and not gap_m + MIN_GAP_M < net_m:
         return room_right, room_left
-    center = center_m(world, loop, i)
-    right, left = lane * loop.lane_m, (lane + 1) * loop.lane_m
+    center = center_m(world, net, i)
+    right, left = lane * net.lane_m, (lane + 1) * net.lane_m
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5 + EPS
     aside = min(abs(right - center), abs(left - center)) - half_m
     its_m = world.x[MANEUVER_M, j]
-    if right + 0.5 * loop.lane_m < center:
+    if right + 0.5 * net.lane_m < center:
         its_m = max(0.0, its_m)
         room_right = min(room_right, aside - kept_m, max(kept_m, aside - its_m))
         if remembers:
@@ -185,7 +185,7 @@ def update_gaps(
 @borrowing
 def is_blocking(
     world: World,
-    loop: Loop,
+    net: Net,
     i: int,
     lane: int,
     j: int,
@@ -201,9 +201,9 @@ def is_blocking(
     if j < 0 or is_related(world, j):
         return 0
     width_m = world.x[WIDTH_M, i] + EPS
-    right = center_m(world, loop, i) - 0.5 * world.x[WIDTH_M, i]
+    right = center_m(world, net, i) - 0.5 * world.x[WIDTH_M, i]
     left = right + width_m
-    its_right, its_left = lane * loop.lane_m, (lane + 1) * loop.lane_m
+    its_right, its_left = lane * net.lane_m, (lane + 1) * net.lane_m
     before = overlaps(right, left, its_right, its_left)
     after = overlaps(right + move_m, left + move_m, its_right, its_left)
     if not overlaps(min(right, right + move_m), max(left, left + move_m), its_right, its_left):
@@ -226,7 +226,7 @@ def is_blocking(
 
 @borrowing
 def check_blocking(
-    world: World, loop: Loop, i: int, side: int, kept_m: float, keeps_gap: bool
+    world: World, net: Net, i: int, side: int, kept_m: float, keeps_gap: bool
 ) -> int:
     """Return the flags of what blocks the move in ``notes``; shorten the move as far as needed."""
     notes, near, lane = world.notes, world.near, world.z[LANE, i]
@@ -235,17 +235,17 @@ def check_blocking(
         near[RELATED_COUNT] = 0
         for d in (0, side):
             other = lane + d
-            relate(world, loop, i, other, near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d])
-            relate(world, loop, i, other, near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d])
+            relate(world, net, i, other, near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d])
+            relate(world, net, i, other, near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d])
             if side == 0:
                 break
     right, left = notes[SAFE_RIGHT], notes[SAFE_LEFT]
     for d in (0, side):
         other = lane + d
         j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
-        right, left = update_gaps(world, loop, i, other, j, gap_m, right, left, kept_m, False, 0.0)
+        right, left = update_gaps(world, net, i, other, j, gap_m, right, left, kept_m, False, 0.0)
         j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
-        right, left = update_gaps(world, loop, i, other, j, gap_m, right, left, kept_m, False, 0.0)
+        right, left = update_gaps(world, net, i, other, j, gap_m, right, left, kept_m, False, 0.0)
         if side == 0:
             break
     notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
@@ -273,14 +273,14 @@ def check_blocking(
         bit = 1 if d == 0 else 4
         other = lane + d
         j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
-        now = is_blocking(world, loop, i, other, j, gap_m, move_m, True, leader_flag)
-        later = is_blocking(world, loop, i, other, j, gap_m, maneuver_m, True, leader_flag)
+        now = is_blocking(world, net, i, other, j, gap_m, move_m, True, leader_flag)
+        later = is_blocking(world, net, i, other, j, gap_m, maneuver_m, True, leader_flag)
         counted |= bit if (now | later) & COUNTS else 0
         blocked |= now
         fully |= later
         j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
-        now = is_blocking(world, loop, i, other, j, gap_m, move_m, False, follower_flag)
-        later = is_blocking(world, loop, i, other, j, gap_m, maneuver_m, False, follower_flag)
+        now = is_blocking(world, net, i, other, j, gap_m, move_m, False, follower_flag)
+        later = is_blocking(world, net, i, other, j, gap_m, maneuver_m, False, follower_flag)
         counted |= 2 * bit if (now | later) & COUNTS else 0
         blocked |= now
         fully |= later

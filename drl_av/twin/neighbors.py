@@ -15,7 +15,7 @@ from drl_av.twin.worlds import (
     ORDER,
     RESERVED,
     SPEED_M_S,
-    Loop,
+    Net,
     World,
 )
 
@@ -41,10 +41,10 @@ def insert_sorted(world: World) -> None:
 
 
 @inlined
-def link(world: World, loop: Loop) -> None:
+def link(world: World, net: Net) -> None:
     """Note the next vehicles ahead of and behind each one in each lane, as places in ``ORDER``."""
     z, n = world.z, world.near[COUNT]
-    for lane in range(loop.lanes):
+    for lane in range(net.lanes):
         last = n - 1  # the rearmost one is ahead of the foremost
         while last >= 0 and not counts_in(world, lane, last):
             last -= 1
@@ -57,7 +57,7 @@ def link(world: World, loop: Loop) -> None:
             while not counts_in(world, lane, last):
                 last += 1
         for k in range(n - 1, -1, -1):
-            z[AHEAD + loop.lanes + lane, k] = last
+            z[AHEAD + net.lanes + lane, k] = last
             last = k if counts_in(world, lane, k) else last
 
 
@@ -69,7 +69,7 @@ def counts_in(world: World, lane: int, k: int) -> bool:
 
 
 @inlined
-def leader(world: World, loop: Loop, k: int, lane: int, seen_m: float) -> tuple[int, float]:
+def leader(world: World, net: Net, k: int, lane: int, seen_m: float) -> tuple[int, float]:
     """Return the next vehicle ahead in a lane that is seen, and the distance to its rear, or -1."""
     x, z = world.x, world.z
     at_m, wrapped_m, m = x[FRONT_M, z[ORDER, k]], 0.0, k
@@ -78,29 +78,29 @@ def leader(world: World, loop: Loop, k: int, lane: int, seen_m: float) -> tuple[
         if m < 0:
             return -1, math.inf
         if m >= place:
-            wrapped_m += loop.lap_m
+            wrapped_m += net.lap_m
         j = z[ORDER, m]
         ahead_m = x[FRONT_M, j] - at_m + wrapped_m
         rear_m = ahead_m - x[LENGTH_M, j]
-        if ahead_m >= loop.lap_m or rear_m >= seen_m + LONGEST_M:
+        if ahead_m >= net.lap_m or rear_m >= seen_m + LONGEST_M:
             return -1, math.inf
         if rear_m < seen_m and z[MASK, j] >> lane & 1:
             return j, rear_m
 
 
 @inlined
-def edge_of(at_m: float, loop: Loop) -> int:
+def edge_of(at_m: float, net: Net) -> int:
     """Return the number of the SUMO edge at a position along the road."""
-    return min(int(at_m * loop.edges_per_m), EDGES - 1)
+    return min(int(at_m * net.edges_per_m), EDGES - 1)
 
 
 @inlined
-def shadow_lane(aside_m: float, width_m: float, lane: int, loop: Loop) -> int:
+def shadow_lane(aside_m: float, width_m: float, lane: int, net: Net) -> int:
     """Return the second lane that a body overlaps, or -1."""
-    if abs(aside_m) + 0.5 * width_m - 0.5 * loop.lane_m <= 0.001:
+    if abs(aside_m) + 0.5 * width_m - 0.5 * net.lane_m <= 0.001:
         return -1
     other = lane - 1 if aside_m < 0 else lane + 1
-    return other if 0 <= other < loop.lanes else -1
+    return other if 0 <= other < net.lanes else -1
 
 
 @inlined
@@ -116,35 +116,35 @@ def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> flo
 
 
 @inlined
-def follower(world: World, loop: Loop, k: int, lane: int) -> tuple[int, float]:
+def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
     i = world.z[ORDER, k]
     at_m, speed = world.x[FRONT_M, i], world.x[SPEED_M_S, i]
-    pos_m = at_m - world.z[EDGE, i] * loop.edge_m
+    pos_m = at_m - world.z[EDGE, i] * net.edge_m
     length_m = world.x[LENGTH_M, i]
     back_m = pos_m - length_m
     found, found_gap_m, found_missing_m = -1, math.inf, -math.inf
     edge, done_edge, wrapped_m = 0, -1, 0.0
     m = k
     while True:
-        place, m = m, world.z[AHEAD + loop.lanes + lane, m]
+        place, m = m, world.z[AHEAD + net.lanes + lane, m]
         if m <= place:
             if m < 0 or wrapped_m > 0.0:
                 break
-            wrapped_m = loop.lap_m
+            wrapped_m = net.lap_m
         if m >= k and wrapped_m > 0.0:
             break
         j = world.z[ORDER, m]
         if not world.z[MASK, j] & (1 << lane):
             continue
         behind_m = at_m - world.x[FRONT_M, j] + wrapped_m
-        edge = 0 if behind_m <= pos_m else 1 + int((behind_m - pos_m) * loop.edges_per_m)
+        edge = 0 if behind_m <= pos_m else 1 + int((behind_m - pos_m) * net.edges_per_m)
         if edge > 0:
             if found >= 0 and done_edge <= 0:
                 break
             if edge == done_edge:
                 continue
-            if edge > 1 and (edge - 1) * loop.edge_m >= SEEN_BEHIND_M - back_m:
+            if edge > 1 and (edge - 1) * net.edge_m >= SEEN_BEHIND_M - back_m:
                 break
         done_edge = edge
         gap_m = behind_m - length_m - MIN_GAP_M

@@ -61,29 +61,29 @@ from drl_av.twin.worlds import (
     THRESHOLD_LEFT,
     WANTS,
     WISH_M_S2,
-    Loop,
+    Net,
     World,
 )
 
 
 @borrowing
-def sumo_step(world: World, loop: Loop, ego_speed_m_s: float, ego_y_m: float) -> None:
+def sumo_step(world: World, net: Net, ego_speed_m_s: float, ego_y_m: float) -> None:
     """Advance the world ``w`` by one SUMO step, in which the ego reaches this speed and place."""
     if world.near[KEEPS_DISTANCE]:
-        request_speeds(world, loop)
+        request_speeds(world, net)
     for k in range(world.near[COUNT]):
-        see_ahead(world, loop, k)
+        see_ahead(world, net, k)
     for i in range(world.near[COUNT]):  # apart from the searches, so that they overlap in time
-        world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, loop, i)
-    move(world, loop)
+        world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, net, i)
+    move(world, net)
     insert_sorted(world)
-    link(world, loop)
-    change_lanes(world, loop, ego_y_m)
+    link(world, net)
+    change_lanes(world, net, ego_y_m)
     world.near[STEP] += 1
 
 
 @inlined
-def see_ahead(world: World, loop: Loop, k: int) -> None:
+def see_ahead(world: World, net: Net, k: int) -> None:
     """Find the vehicles ahead that the ``k``-th one regards, and the speed that they allow.
 
     The gap to the first of them, inf without any, and its speed go to ``x``, and the largest speed
@@ -92,22 +92,22 @@ def see_ahead(world: World, loop: Loop, k: int) -> None:
     i, x = world.z[ORDER, k], world.x
     speed, headway_s, acceleration = x[SPEED_M_S, i], x[HEADWAY_S, i], x[ACCELERATION_M_S2, i]
     top = min(speed + acceleration * STEP_S, x[DESIRED_M_S, i])
-    rest_m = loop.edge_m - (x[FRONT_M, i] - world.z[EDGE, i] * loop.edge_m)
+    rest_m = net.edge_m - (x[FRONT_M, i] - world.z[EDGE, i] * net.edge_m)
     far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, headway_s)
-    seen_m = rest_m + loop.edge_m
+    seen_m = rest_m + net.edge_m
     while seen_m <= far_m:
-        seen_m += loop.edge_m
+        seen_m += net.edge_m
     x[GAP_M, i], x[NEXT_M_S, i] = math.inf, math.inf
-    see_in_lane(world, loop, k, world.z[LANE, i], rest_m, seen_m, True)
+    see_in_lane(world, net, k, world.z[LANE, i], rest_m, seen_m, True)
     if world.z[SHADOW, i] >= 0:
-        see_in_lane(world, loop, k, world.z[SHADOW, i], rest_m, seen_m, False)
+        see_in_lane(world, net, k, world.z[SHADOW, i], rest_m, seen_m, False)
     if x[GAP_M, i] == math.inf:
-        fastest = min(x[DESIRED_M_S, i], loop.limit_m_s)
+        fastest = min(x[DESIRED_M_S, i], net.limit_m_s)
         x[NEXT_M_S, i] = free_speed(speed, rest_m, fastest, headway_s, acceleration)
 
 
 @inlined
-def next_speed(world: World, loop: Loop, i: int) -> float:
+def next_speed(world: World, net: Net, i: int) -> float:
     """Return the speed of the vehicle ``i`` after the step, by IDM, advice and request."""
     x = world.x
     speed, desired = x[SPEED_M_S, i], x[DESIRED_M_S, i]
@@ -115,7 +115,7 @@ def next_speed(world: World, loop: Loop, i: int) -> float:
     behind = its_follow_speed(world, i, x[GAP_M, i], x[ITS_M_S, i])
     behind = min(x[NEXT_M_S, i], behind if x[GAP_M, i] < math.inf else math.inf)
     top = min(speed + x[ACCELERATION_M_S2, i] * STEP_S, desired)
-    planned = max(least, min(behind, top, desired, loop.limit_m_s))
+    planned = max(least, min(behind, top, desired, net.limit_m_s))
     request = x[REQUESTED_M_S, i]
     is_left = request == LEFT_TO_SUMO
     if not is_left:
@@ -141,7 +141,7 @@ def with_advice(world: World, i: int, planned: float, least: float) -> float:
 
 @inlined
 def see_in_lane(
-    world: World, loop: Loop, k: int, lane: int, rest_m: float, seen_m: float, sees_reserved: bool
+    world: World, net: Net, k: int, lane: int, rest_m: float, seen_m: float, sees_reserved: bool
 ) -> None:
     """Regard the vehicles ahead of the ``k``-th one in ``lane``, for ``see_ahead``.
 
@@ -153,12 +153,12 @@ def see_in_lane(
     m, place, wrapped_m = world.z[AHEAD + lane, k], k, 0.0
     while m >= 0:
         if m >= place:
-            wrapped_m += loop.lap_m
+            wrapped_m += net.lap_m
         j = world.z[ORDER, m]
         place, m = m, world.z[AHEAD + lane, m]
         ahead_m = world.x[FRONT_M, j] - at_m + wrapped_m
         rear_m = ahead_m - world.x[LENGTH_M, j]
-        if ahead_m >= loop.lap_m or rear_m >= seen_m + LONGEST_M:
+        if ahead_m >= net.lap_m or rear_m >= seen_m + LONGEST_M:
             break
         if rear_m >= seen_m:
             continue
@@ -178,24 +178,24 @@ def see_in_lane(
                 world.x[NEXT_M_S, i] = min(world.x[NEXT_M_S, i], behind)
         served_m = rest_m
         while served_m < ahead_m:
-            served_m += loop.edge_m
+            served_m += net.edge_m
         if served_m >= seen_m:
             break
 
 
 @inlined
-def move(world: World, loop: Loop) -> None:
+def move(world: World, net: Net) -> None:
     """Move all vehicles along the road, and forget what was agreed for this step only."""
     stayed, present = 0, 0
     for i in range(world.near[COUNT]):
-        speed, strip = world.x[NEXT_M_S, i], strip_of(world, loop, i)
+        speed, strip = world.x[NEXT_M_S, i], strip_of(world, net, i)
         world.x[ACCELERATION_NOW_M_S2, i] = (speed - world.x[SPEED_M_S, i]) / STEP_S
         world.x[SPEED_M_S, i] = speed
         at_m = world.x[FRONT_M, i] + speed * STEP_S
-        at_m = at_m if at_m < loop.lap_m else at_m - loop.lap_m
+        at_m = at_m if at_m < net.lap_m else at_m - net.lap_m
         world.x[FRONT_M, i] = at_m
-        world.z[EDGE, i] = edge_of(at_m, loop)
-        now = strip_of(world, loop, i)
+        world.z[EDGE, i] = edge_of(at_m, net)
+        now = strip_of(world, net, i)
         present |= 1 << now
         if now == strip:
             stayed |= 1 << now
@@ -210,14 +210,14 @@ def move(world: World, loop: Loop) -> None:
 
 
 @borrowing
-def request_speeds(world: World, loop: Loop) -> None:
+def request_speeds(world: World, net: Net) -> None:
     """Request the wanted speed of each vehicle that a driver of ours drives, and limit all."""
     x = world.x
     for k in range(world.near[COUNT]):
         i = world.z[ORDER, k]
         if i == 0:
             continue
-        j, gap_m = leader(world, loop, k)
+        j, gap_m = leader(world, net, k)
         its = math.nan if j < 0 else x[SPEED_M_S, j]
         speed, wanted, acceleration = x[SPEED_M_S, i], x[WISH_M_S2, i], x[ACCELERATION_M_S2, i]
         is_ours = not math.isnan(wanted)
@@ -233,7 +233,7 @@ def request_speeds(world: World, loop: Loop) -> None:
 
 
 @inlined
-def leader(world: World, loop: Loop, k: int) -> tuple[int, float]:
+def leader(world: World, net: Net, k: int) -> tuple[int, float]:
     """Return the vehicle ahead of the ``k``-th one and the net gap to it, as SUMO's getLeader.
 
     On each edge it is the last vehicle whose front is in the lane there, or else the last one that
@@ -242,7 +242,7 @@ def leader(world: World, loop: Loop, k: int) -> tuple[int, float]:
     x, z = world.x, world.z
     i = z[ORDER, k]
     lane, at_m, edge = z[LANE, i], x[FRONT_M, i], z[EDGE, i]
-    rest_m = (edge + 1) * loop.edge_m - at_m
+    rest_m = (edge + 1) * net.edge_m - at_m
     found, found_gap_m, found_edge = -1, -1.0, 0
     hides, m, wrapped_m = False, k, 0.0
     while True:
@@ -250,7 +250,7 @@ def leader(world: World, loop: Loop, k: int) -> tuple[int, float]:
         if m == k:
             break
         if m > place:
-            wrapped_m = loop.lap_m
+            wrapped_m = net.lap_m
         j = z[ORDER, m]
         if not z[MASK, j] & (1 << lane):
             continue
@@ -261,11 +261,11 @@ def leader(world: World, loop: Loop, k: int) -> tuple[int, float]:
             break
         is_within = z[LANE, j] == lane
         gap_m = x[FRONT_M, j] - at_m + wrapped_m - x[LENGTH_M, j] - MIN_GAP_M
-        laps = edges > 0 and gap_m + MIN_GAP_M < rest_m + (edges - 1) * loop.edge_m
+        laps = edges > 0 and gap_m + MIN_GAP_M < rest_m + (edges - 1) * net.edge_m
         if laps and not (edges == 1 and (hides or overlaps_behind(world, k))):
             edges -= 1
             is_within = False
-        if edges > 0 and rest_m + (edges - 1) * loop.edge_m > LOOK_AHEAD_M:
+        if edges > 0 and rest_m + (edges - 1) * net.edge_m > LOOK_AHEAD_M:
             break
         if edges == 0 and not is_within:
             hides = hides or gap_m <= 0.0

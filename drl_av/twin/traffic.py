@@ -61,7 +61,7 @@ from drl_av.twin.worlds import (
     WIDTH_M,
     WISH_M_S2,
     IntArray,
-    Loop,
+    Net,
     World,
 )
 
@@ -71,7 +71,7 @@ GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
 
 
-def loop_of(scenario: Scenario, config: Config) -> Loop:
+def net_of(scenario: Scenario, config: Config) -> Net:
     """Return the road of a scenario as the twin needs it.
 
     Raises:
@@ -82,7 +82,7 @@ def loop_of(scenario: Scenario, config: Config) -> Loop:
         require_speed_limit(kind, scenario.description)
         require_truck_width(kind, scenario.description)
     road, lanes = scenario.road, np.flatnonzero(scenario.road.open_lanes)
-    return Loop(
+    return Net(
         lap_m=float(road.lap_m),
         edge_m=float(road.lap_m) / EDGES,
         edges_per_m=EDGES / float(road.lap_m),
@@ -197,7 +197,7 @@ def in_order_of_decisions(events: Sequence[IntArray]) -> IntArray:
 
 def place_vehicles(
     world: World,
-    loop: Loop,
+    net: Net,
     population: Population,
     driver_models: IntArray,
     scenario: Scenario,
@@ -232,21 +232,21 @@ def place_vehicles(
     x[ADVICE_M_S] = np.inf
     x[WISH_M_S2] = np.where(z[ON_REQUEST_ONLY], 0.0, np.nan)
     x[REQUESTED_M_S], x[CHOSEN_M_S] = LEFT_TO_SUMO, x[SPEED_M_S]
-    for lane in range(loop.lanes):
-        is_open = loop.first_open <= lane <= loop.last_open
+    for lane in range(net.lanes):
+        is_open = net.first_open <= lane <= net.last_open
         x[EXPECTED_M_S + lane] = x[DESIRED_M_S] if is_open else -1.0
     z[LANE, :n], z[ORDER, :n] = population.lane, rows
     z[MASK], z[IS_FULL] = 1 << z[LANE], 1
     z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1
     z[TRACKED], z[TRACKED_LEFT] = -1, -1
-    sort_and_activate(world, loop)
+    sort_and_activate(world, net)
 
 
 @borrowing
-def sort_and_activate(world: World, loop: Loop) -> None:
+def sort_and_activate(world: World, net: Net) -> None:
     """Sort the vehicles, and list the strips on which they start as SUMO does."""
     for i in range(world.near[COUNT]):
-        world.z[EDGE, i] = edge_of(world.x[FRONT_M, i], loop)
+        world.z[EDGE, i] = edge_of(world.x[FRONT_M, i], net)
     insert_sorted(world)
-    link(world, loop)
-    activate(world, strips_with_vehicles(world, loop))
+    link(world, net)
+    activate(world, strips_with_vehicles(world, net))

@@ -126,7 +126,7 @@ class Worlds(NamedTuple):
     near: IntArray
 
 
-class Loop(NamedTuple):
+class Net(NamedTuple):
     """The road of all worlds."""
 
     lap_m: float
