@@ -23,6 +23,7 @@ from drl_av.safety.reachability import StrictNumbers
 from drl_av.safety.strict import strict_verdicts
 from drl_av.scenarios.folder import Scenario
 from drl_av.twin.commands import drive_traffic, happen
+from drl_av.twin.following import STEP_S
 from drl_av.twin.step import sumo_step
 from drl_av.twin.traffic import net_of
 from drl_av.twin.worlds import (
@@ -190,9 +191,9 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     origin, target, heading_rad = plan_into(
         *seen, going, *begun, net.lane_m, limits, front_m, task.ego, *into
     )
-    let_events_happen(world, episodes, w)
+    let_events_happen(world, net, episodes, w)
     if world.near[DRIVER_COUNT]:
-        drive_traffic(world, scene, task.traffic, plan.shape[1])
+        drive_traffic(world, net, scene, task.traffic, plan.shape[1])
     episodes.collision[w, 0] = NO_CONTACT
     for step in range(plan.shape[1]):
         command = plan[0, step], plan[1, step], plan[2, step]
@@ -226,8 +227,10 @@ def advance(
     n = world.near[COUNT]
     for i in range(n):
         before[0, i], before[1, i] = scene[0, i], scene[1, i]
-    if y_m != scene[1, 0] and not holds(y_m, scene[5, 0], 0.0, road):
-        return HIT_EDGE, 0
+    if y_m != scene[1, 0] or len(road.partial_lanes):
+        front_m = scene[0, 0] + 0.5 * scene[4, 0] + speed_m_s * STEP_S
+        if not holds(y_m, scene[5, 0], front_m, road):
+            return HIT_EDGE, 0
     sumo_step(world, net, speed_m_s, y_m)
     read_scene(world, net, scene)
     scene[3, 0] = lateral_speed_m_s
@@ -237,11 +240,11 @@ def advance(
 
 
 @borrowing
-def let_events_happen(world: World, episodes: Episodes, w: int) -> None:
+def let_events_happen(world: World, net: Net, episodes: Episodes, w: int) -> None:
     """Let the random events of the present decision happen."""
     number, last = episodes.next_event[w, 0], episodes.next_event[w, 1]
     while number < last and episodes.events[w, number, 0] <= episodes.decisions[w]:
-        happen(world, episodes.events[w, number, 1], episodes.events[w, number, 2])
+        happen(world, net, episodes.events[w, number, 1], episodes.events[w, number, 2])
         number += 1
     episodes.next_event[w, 0] = number
 

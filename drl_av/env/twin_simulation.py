@@ -16,8 +16,8 @@ from drl_av.simulation.gui_camera import Color
 from drl_av.simulation.vehicle_calls import EgoModel
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import net_of, place_vehicles
-from drl_av.twin.worlds import STEP, WISH_M_S2, World, empty_worlds
+from drl_av.twin.traffic import add_vehicles, keep_vehicles, net_of, place_vehicles
+from drl_av.twin.worlds import COUNT, FRONT_M, STEP, WISH_M_S2, World, empty_worlds
 
 
 class TwinSimulation:
@@ -35,7 +35,7 @@ class TwinSimulation:
                 "The twin has neither sumo-gui nor options of SUMO: leave simulation.world at "
                 "sumo, or film it with the render mode rgb_array."
             )
-        self._loop = net_of(scenario, config)
+        self._net = net_of(scenario, config)
         self.fleet = Fleet(scenario, config)
         self.scenario, self.road, self._config = scenario, scenario.road, config
         self._road = road_numbers(scenario.road)
@@ -49,13 +49,10 @@ class TwinSimulation:
             ScenarioError: the vehicles do not fit on the road.
         """
         self.fleet.draw(seed, vehicles)
-        count = len(self.fleet.ids)
-        worlds = empty_worlds(1, count, self._loop.lanes)
-        self.world = World(*(array[0] for array in worlds))
-        self._scene, self._before = np.zeros((6, count)), np.zeros((2, count))
+        self._make_room(len(self.fleet.ids))
         its = self.fleet.population, self.fleet.driver_models, self.scenario, self._config
-        place_vehicles(self.world, self._loop, *its)
-        read_scene(self.world, self._loop, self._scene)
+        place_vehicles(self.world, self._net, *its)
+        read_scene(self.world, self._net, self._scene)
         return self._snapshot()
 
     def advance(
@@ -65,15 +62,16 @@ class TwinSimulation:
 
         Return the snapshot after the last step, and the ego's collision or None.
         """
-        for row, side in self.fleet.lane_changes(0.0, self._scene[1]):
-            request_change(self.world, row, side, REQUEST_STEPS)
+        y_m = self._scene[1, : len(self.fleet.ids)].tolist()
+        for row, side in self.fleet.lane_changes(0.0, y_m):
+            request_change(self.world, self._net, row, side, REQUEST_STEPS)
         self.world.x[WISH_M_S2, traffic_commands.rows] = traffic_commands.acceleration_m_s2
         for row, side in traffic_commands.lane_changes():
-            request_change(self.world, row, side, len(commands))
+            request_change(self.world, self._net, row, side, len(commands))
         collision = None
         for command in commands:
             kind, row = advance.fast(
-                self.world, self._loop, self._road, self._scene, self._before, *command
+                self.world, self._net, self._road, self._scene, self._before, *command
             )
             if kind != NO_CONTACT:
                 other = None if kind == HIT_EDGE else self.fleet.ids[row]
@@ -82,7 +80,42 @@ class TwinSimulation:
                 self.after_step(self._snapshot())
             if collision is not None:
                 break
+        if not self.road.is_loop:
+            self._exchange()
         return self._snapshot(), collision
+
+    def _make_room(self, vehicles: int) -> None:
+        """Make the arrays of a world for so many vehicles, without any yet."""
+        worlds = empty_worlds(1, vehicles, self._net.lanes)
+        self.world = World(*(array[0] for array in worlds))
+        self._scene, self._before = np.zeros((6, vehicles)), np.zeros((2, vehicles))
+
+    def _exchange(self) -> None:
+        """Remove the vehicles that have left an open road, and add those that enter it.
+
+        As in SUMO, those that have left drive on, behind the rows of the others, to the road's end.
+        """
+        world, net, n = self.world, self._net, len(self.fleet.ids)
+        time_s = float(world.near[STEP] * STEP_S)
+        exchanged = self.fleet.update_open_road(time_s, *self._scene[:3, :n].tolist())
+        if exchanged is None:
+            return
+        kept, entering = exchanged
+        end_m = net.begins_m[-1] + net.lengths_m[-1]
+        left = sorted({*range(world.near[COUNT])} - {*kept})
+        left = [row for row in left if world.x[FRONT_M, row] < end_m]
+        keep_vehicles(world, net, [*kept, *left])
+        if world.near[COUNT] + len(entering) > self._scene.shape[1]:
+            self._make_room(2 * (int(world.near[COUNT]) + len(entering)))
+            for old, new in zip(world, self.world, strict=True):
+                new[..., : old.shape[-1]] = old
+        for vehicle in entering:
+            models = np.zeros(1, np.int64)
+            add_vehicles(self.world, net, vehicle, models, self.scenario, self._config)
+        order = np.arange(self.world.near[COUNT])
+        ours = (order < len(kept)) | (order >= len(kept) + len(left))
+        keep_vehicles(self.world, net, [*order[ours], *order[~ours]])
+        read_scene(self.world, net, self._scene)
 
     def hand_over(self, model: EgoModel) -> None:
         """Refuse that SUMO drives the ego.
@@ -103,4 +136,5 @@ class TwinSimulation:
 
     def _snapshot(self) -> Snapshot:
         time_s = float(self.world.near[STEP] * STEP_S)
-        return Snapshot(time_s, self.fleet.ids, *self._scene.copy())
+        n = len(self.fleet.ids)
+        return Snapshot(time_s, self.fleet.ids, *self._scene[:, :n].copy())

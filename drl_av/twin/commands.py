@@ -13,6 +13,7 @@ from drl_av.twin.worlds import (
     DRIVER_COUNT,
     DRIVER_STATE,
     DRIVERS,
+    EDGE,
     LANE,
     MODEL,
     REQUEST_END,
@@ -21,6 +22,7 @@ from drl_av.twin.worlds import (
     STEP,
     WISH_M_S2,
     FloatArray,
+    Net,
     World,
 )
 
@@ -29,7 +31,9 @@ REQUEST_STEPS = 10
 
 
 @compiled
-def drive_traffic(world: World, scene: FloatArray, traffic: TrafficNumbers, steps: int) -> None:
+def drive_traffic(
+    world: World, net: Net, scene: FloatArray, traffic: TrafficNumbers, steps: int
+) -> None:
     """Let our own drivers decide on a scene, shape (6, vehicles), for ``steps`` steps."""
     n, drivers = world.near[COUNT], world.z[DRIVERS][: world.near[DRIVER_COUNT]]
     x, z = world.x, world.z
@@ -38,25 +42,25 @@ def drive_traffic(world: World, scene: FloatArray, traffic: TrafficNumbers, step
     decide(state, traffic, drivers, (*known, x[WISH_M_S2][:n], z[SIDE][:n]))
     for i in drivers:
         if z[SIDE, i] != 0:
-            request_change(world, i, z[SIDE, i], steps)
+            request_change(world, net, i, z[SIDE, i], steps)
 
 
 @compiled
-def happen(world: World, i: int, event: int) -> None:
+def happen(world: World, net: Net, i: int, event: int) -> None:
     """Let an event of ``Drawn`` happen to a vehicle."""
     if abs(event) == 1:
-        request_change(world, i, event, REQUEST_STEPS)
+        request_change(world, net, i, event, REQUEST_STEPS)
     elif world.z[BRAKING, i] == 0:
         world.z[BRAKING, i] = event - 1
 
 
 @compiled
-def request_change(world: World, i: int, side: int, steps: int) -> None:
+def request_change(world: World, net: Net, i: int, side: int, steps: int) -> None:
     """Request a lane change, +1 left or -1 right, for so many steps.
 
     None is requested of a vehicle that is not centred, as in SUMO.
     """
-    lane = world.z[LANE, i] + side
+    lane = world.z[LANE, i] + side - net.first_lanes[world.z[EDGE, i]]
     if lane >= 0 and np.abs(world.x[ASIDE_M, i]) <= CENTERED_M:
         world.z[REQUEST_LANE, i] = lane
         world.z[REQUEST_END, i] = world.near[STEP] + steps

@@ -6,7 +6,7 @@ from drl_av.compiled import borrowing, inlined
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import EPS, STEP_S
 from drl_av.twin.lane_choice import keep_lateral_gap, limit_move, wish
-from drl_av.twin.lane_speeds import ROUTE_M, is_open, look_around, needs_thought, track
+from drl_av.twin.lane_speeds import is_open, look_around, needs_thought, track
 from drl_av.twin.lateral_room import (
     FOLLOWER,
     FOLLOWER_GAP,
@@ -159,8 +159,8 @@ def change_lane(world: World, net: Net, k: int) -> None:
     notes[SAFE_LEFT] = net.lanes * net.lane_m - center - half_m
     notes[LAST_RIGHT] = math.inf
     notes[LAST_LEFT] = math.inf
-    at_m = world.x[FRONT_M, i]
-    notes[LEFT_SPACE] = ROUTE_M - (at_m - world.z[EDGE, i] * net.edge_m)
+    edge = world.z[EDGE, i]
+    notes[LEFT_SPACE] = net.routes_m[edge] - (world.x[FRONT_M, i] - net.begins_m[edge])
     near[RELATED_COUNT] = -1
     world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0

@@ -43,8 +43,6 @@ from drl_av.twin.worlds import (
     World,
 )
 
-ROUTE_M = 3000.0
-"""Length of the road ahead that SUMO regards."""
 DECAY = 0.5**STEP_S
 DECAYS = np.array([DECAY ** (1.0 * steps) for steps in range(64)])
 GAIN_SEEN = 0.05
@@ -76,13 +74,14 @@ def look_around(world: World, net: Net, k: int) -> None:
     """
     x, near = world.x, world.near
     i = world.z[ORDER, k]
-    own, pos_m = world.z[LANE, i], x[FRONT_M, i] - world.z[EDGE, i] * net.edge_m
-    seen_m = reach_m(net.edge_m - pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i], net.edge_m)
+    own, edge = world.z[LANE, i], world.z[EDGE, i]
+    pos_m = x[FRONT_M, i] - net.begins_m[edge]
+    seen_m = reach_m(net, edge, pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i])
     for d in range(3):
         near[LEADER + d] = -1
     for lane in range(net.first_open, net.last_open + 1):
         j, rear_m = leader(world, net, k, lane, seen_m)
-        gap_m = rear_m - MIN_GAP_M if j >= 0 else ROUTE_M - pos_m
+        gap_m = rear_m - MIN_GAP_M if j >= 0 else net.routes_m[edge] - pos_m
         if abs(lane - own) <= 1:
             near[LEADER + 1 + lane - own], world.notes[LEADER_GAP + 1 + lane - own] = j, gap_m
         expect(world, i, lane, promised_speed(world, i, j, gap_m))
@@ -186,8 +185,9 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
     is_new = tracks and z[TRACKED, i] < world.near[STEP]
     if not follows and not tracks:
         return False
-    pos_m = x[FRONT_M, i] - z[EDGE, i] * net.edge_m
-    seen_m = reach_m(net.edge_m - pos_m, speed, x[HEADWAY_S, i], net.edge_m)
+    edge = z[EDGE, i]
+    pos_m = x[FRONT_M, i] - net.begins_m[edge]
+    seen_m = reach_m(net, edge, pos_m, speed, x[HEADWAY_S, i])
     if follows:
         j, rear_m = leader(world, net, k, own + 1, seen_m)
         if j >= 0:
@@ -197,7 +197,7 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
     if is_new:
         for lane in range(net.first_open, own + 1):
             j, rear_m = leader(world, net, k, lane, seen_m)
-            gap_m = rear_m - MIN_GAP_M if j >= 0 else ROUTE_M - pos_m
+            gap_m = rear_m - MIN_GAP_M if j >= 0 else net.routes_m[edge] - pos_m
             expect(world, i, lane, promised_speed(world, i, j, gap_m))
     z[TRACKED, i] = world.near[STEP]
     for lane in range(net.first_open, own):

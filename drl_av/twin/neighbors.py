@@ -19,8 +19,6 @@ from drl_av.twin.worlds import (
     World,
 )
 
-EDGES = 4
-"""Edges of each loop."""
 SEEN_BEHIND_M = 200.0
 """Distance in which SUMO looks for followers: stopping from the speed limit of 40 m/s."""
 LONGEST_M = 25.0
@@ -91,7 +89,18 @@ def leader(world: World, net: Net, k: int, lane: int, seen_m: float) -> tuple[in
 @inlined
 def edge_of(at_m: float, net: Net) -> int:
     """Return the number of the SUMO edge at a position along the road."""
-    return min(int(at_m * net.edges_per_m), EDGES - 1)
+    edge = 0
+    while edge < net.edges - 1 and at_m >= net.begins_m[edge + 1]:
+        edge += 1
+    return edge
+
+
+@inlined
+def next_edge(edge: int, net: Net) -> int:
+    """Return the number of the edge that follows, -1 at the end of an open road."""
+    if edge < net.edges - 1:
+        return edge + 1
+    return 0 if net.is_loop else -1
 
 
 @inlined
@@ -104,14 +113,19 @@ def shadow_lane(aside_m: float, width_m: float, lane: int, net: Net) -> int:
 
 
 @inlined
-def reach_m(rest_m: float, speed: float, headway_s: float, edge_m: float) -> float:
-    """Return how far a driver sees ahead for a lane change; ``rest_m`` is left of its edge."""
+def reach_m(net: Net, edge: int, pos_m: float, speed: float, headway_s: float) -> float:
+    """Return how far a driver sees ahead for a lane change from a position on its edge."""
     distance_m = max(brake_gap(speed, BRAKING_M_S2, headway_s), 10.0) + MIN_GAP_M
-    if rest_m > distance_m:
-        return rest_m
-    seen_m = rest_m + edge_m
-    while seen_m - edge_m < distance_m:
-        seen_m += edge_m
+    seen_m, other = net.lengths_m[edge] - pos_m, edge
+    if seen_m > distance_m:
+        return seen_m
+    goes_on = True
+    while goes_on:
+        goes_on = seen_m < distance_m
+        other = next_edge(other, net)
+        if other < 0:
+            break
+        seen_m += net.lengths_m[other]
     return seen_m
 
 
@@ -120,7 +134,8 @@ def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
     i = world.z[ORDER, k]
     at_m, speed = world.x[FRONT_M, i], world.x[SPEED_M_S, i]
-    pos_m = at_m - world.z[EDGE, i] * net.edge_m
+    own = world.z[EDGE, i]
+    pos_m = at_m - net.begins_m[own]
     length_m = world.x[LENGTH_M, i]
     back_m = pos_m - length_m
     found, found_gap_m, found_missing_m = -1, math.inf, -math.inf
@@ -129,7 +144,7 @@ def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
     while True:
         place, m = m, world.z[AHEAD + net.lanes + lane, m]
         if m <= place:
-            if m < 0 or wrapped_m > 0.0:
+            if m < 0 or wrapped_m > 0.0 or not net.is_loop:
                 break
             wrapped_m = net.lap_m
         if m >= k and wrapped_m > 0.0:
@@ -138,13 +153,15 @@ def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
         if not world.z[MASK, j] & (1 << lane):
             continue
         behind_m = at_m - world.x[FRONT_M, j] + wrapped_m
-        edge = 0 if behind_m <= pos_m else 1 + int((behind_m - pos_m) * net.edges_per_m)
+        its = world.z[EDGE, j]
+        edge = own - its + (net.edges if wrapped_m > 0.0 else 0)
         if edge > 0:
             if found >= 0 and done_edge <= 0:
                 break
             if edge == done_edge:
                 continue
-            if edge > 1 and (edge - 1) * net.edge_m >= SEEN_BEHIND_M - back_m:
+            end_m = net.begins_m[its] + net.lengths_m[its]
+            if edge > 1 and net.begins_m[own] + wrapped_m - end_m >= SEEN_BEHIND_M - back_m:
                 break
         done_edge = edge
         gap_m = behind_m - length_m - MIN_GAP_M

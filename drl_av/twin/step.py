@@ -26,7 +26,7 @@ from drl_av.twin.following import (
     free_speed,
 )
 from drl_av.twin.lane_change import change_lanes
-from drl_av.twin.neighbors import EDGES, LONGEST_M, edge_of, insert_sorted, link
+from drl_av.twin.neighbors import LONGEST_M, edge_of, insert_sorted, link, next_edge
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
@@ -92,11 +92,14 @@ def see_ahead(world: World, net: Net, k: int) -> None:
     i, x = world.z[ORDER, k], world.x
     speed, headway_s, acceleration = x[SPEED_M_S, i], x[HEADWAY_S, i], x[ACCELERATION_M_S2, i]
     top = min(speed + acceleration * STEP_S, x[DESIRED_M_S, i])
-    rest_m = net.edge_m - (x[FRONT_M, i] - world.z[EDGE, i] * net.edge_m)
+    edge = world.z[EDGE, i]
+    rest_m = net.lengths_m[edge] - (x[FRONT_M, i] - net.begins_m[edge])
     far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, headway_s)
-    seen_m = rest_m + net.edge_m
-    while seen_m <= far_m:
-        seen_m += net.edge_m
+    edge = next_edge(edge, net)
+    seen_m = rest_m + (net.lengths_m[edge] if edge >= 0 else 0.0)
+    while seen_m <= far_m and edge >= 0:
+        edge = next_edge(edge, net)
+        seen_m += net.lengths_m[edge] if edge >= 0 else 0.0
     x[GAP_M, i], x[NEXT_M_S, i] = math.inf, math.inf
     see_in_lane(world, net, k, world.z[LANE, i], rest_m, seen_m, True)
     if world.z[SHADOW, i] >= 0:
@@ -150,6 +153,7 @@ def see_in_lane(
     """
     i = world.z[ORDER, k]
     at_m, served_m, slowest = world.x[FRONT_M, i], 0.0, math.inf
+    edge = world.z[EDGE, i]
     m, place, wrapped_m = world.z[AHEAD + lane, k], k, 0.0
     while m >= 0:
         if m >= place:
@@ -176,9 +180,11 @@ def see_in_lane(
             else:
                 behind = its_follow_speed(world, i, gap_m, its)
                 world.x[NEXT_M_S, i] = min(world.x[NEXT_M_S, i], behind)
-        served_m = rest_m
+        if served_m == 0.0:
+            served_m = rest_m
         while served_m < ahead_m:
-            served_m += net.edge_m
+            edge = next_edge(edge, net)
+            served_m = served_m + net.lengths_m[edge] if edge >= 0 else math.inf
         if served_m >= seen_m:
             break
 
@@ -242,7 +248,6 @@ def leader(world: World, net: Net, k: int) -> tuple[int, float]:
     x, z = world.x, world.z
     i = z[ORDER, k]
     lane, at_m, edge = z[LANE, i], x[FRONT_M, i], z[EDGE, i]
-    rest_m = (edge + 1) * net.edge_m - at_m
     found, found_gap_m, found_edge = -1, -1.0, 0
     hides, m, wrapped_m = False, k, 0.0
     while True:
@@ -256,16 +261,18 @@ def leader(world: World, net: Net, k: int) -> tuple[int, float]:
             continue
         edges = z[EDGE, j] - edge
         if wrapped_m > 0.0:
-            edges += EDGES
+            edges += net.edges
         if found >= 0 and edges > found_edge:
             break
         is_within = z[LANE, j] == lane
         gap_m = x[FRONT_M, j] - at_m + wrapped_m - x[LENGTH_M, j] - MIN_GAP_M
-        laps = edges > 0 and gap_m + MIN_GAP_M < rest_m + (edges - 1) * net.edge_m
+        begin_m = net.begins_m[z[EDGE, j]] - at_m + wrapped_m
+        laps = edges > 0 and gap_m + MIN_GAP_M < begin_m
         if laps and not (edges == 1 and (hides or overlaps_behind(world, k))):
             edges -= 1
+            begin_m -= net.lengths_m[z[EDGE, j] - 1]
             is_within = False
-        if edges > 0 and rest_m + (edges - 1) * net.edge_m > LOOK_AHEAD_M:
+        if edges > 0 and begin_m > LOOK_AHEAD_M:
             break
         if edges == 0 and not is_within:
             hides = hides or gap_m <= 0.0

@@ -13,6 +13,9 @@ from drl_av.drivers.background.traffic import in_order
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.scenarios.folder import Scenario
+from drl_av.scenarios.imported.description import ImportedDescription
+from drl_av.scenarios.layout import split_long_edges
+from drl_av.scenarios.open_road import OpenDescription
 from drl_av.simulation.population import (
     DECISIONS_AT_ONCE,
     DriverModel,
@@ -25,7 +28,7 @@ from drl_av.simulation.population import (
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import STEP_S
-from drl_av.twin.neighbors import EDGES, edge_of, insert_sorted, link
+from drl_av.twin.neighbors import edge_of, insert_sorted, link
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ADVICE_M_S,
@@ -54,17 +57,21 @@ from drl_av.twin.worlds import (
     RESERVED,
     SHADOW,
     SPEED_M_S,
+    STEP,
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
     TRACKED,
     TRACKED_LEFT,
     WIDTH_M,
     WISH_M_S2,
+    FloatArray,
     IntArray,
     Net,
     World,
 )
 
+ROUTE_M, LEAST_EDGES = 3000.0, 5
+"""What SUMO's lane-change models regard of a route at least: this length, and as many edges."""
 RIGHT_RELUCTANCE = 10.0
 """SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain."""
 GAIN = 0.2
@@ -81,17 +88,60 @@ def net_of(scenario: Scenario, config: Config) -> Net:
     for kind in config.per_traffic_preset:
         require_speed_limit(kind, scenario.description)
         require_truck_width(kind, scenario.description)
-    road, lanes = scenario.road, np.flatnonzero(scenario.road.open_lanes)
+    road, start = scenario.road, scenario.layout.start
+    begins_m, lengths_m, first_lanes = edges_of(scenario)
+    lanes = np.flatnonzero(road.open_lanes) if start is None else np.array(start.lanes)
     return Net(
         lap_m=float(road.lap_m),
-        edge_m=float(road.lap_m) / EDGES,
-        edges_per_m=EDGES / float(road.lap_m),
+        begins_m=begins_m,
+        lengths_m=lengths_m,
+        first_lanes=first_lanes,
+        routes_m=routes_of(lengths_m, road.is_loop),
+        edges=len(begins_m),
+        is_loop=road.is_loop,
         lane_m=float(road.lane_width_m),
         lanes=len(road.open_lanes),
-        first_open=int(lanes[0]),
-        last_open=int(lanes[-1]),
+        first_open=int(lanes.min()),
+        last_open=int(lanes.max()),
         limit_m_s=float(scenario.description.speed_limit_m_s),
     )
+
+
+def edges_of(scenario: Scenario) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return where the edges of the traffic's route begin, their lengths and their first lanes."""
+    description = scenario.description
+    if isinstance(description, OpenDescription):
+        plan = split_long_edges(description.plan())
+        by_id = {edge.id: edge for edge in plan.edges}
+        route = [by_id[name] for name in next(iter(plan.routes.values()))]
+        begins_m, ends_m = np.array([(edge.begin_m, edge.end_m) for edge in route]).T
+        first_lanes = np.array([edge.lanes[0] for edge in route])
+    else:
+        lanes = scenario.layout.lane_positions.values()
+        begins_m = np.unique([begin_m for _, begin_m in lanes])
+        ends_m = np.append(begins_m[1:], float(scenario.road.lap_m))
+        first_lanes = np.zeros(len(begins_m), np.int64)
+    return np.ascontiguousarray(begins_m), ends_m - begins_m, first_lanes
+
+
+def strips_of(scenario: Scenario) -> int:
+    """Return the number of strips, one for each lane on each edge."""
+    return len(edges_of(scenario)[0]) * len(scenario.road.open_lanes)
+
+
+def routes_of(lengths_m: FloatArray, is_loop: bool) -> FloatArray:
+    """Return the length of the road that SUMO regards from the beginning of each edge.
+
+    It regards the rest of the route, but no more edges than are needed for ``ROUTE_M``.
+    """
+    if is_loop:
+        return np.full(len(lengths_m), ROUTE_M)
+    found = []
+    for edge in range(len(lengths_m)):
+        ways_m = lengths_m[edge:].cumsum()
+        enough = int(np.searchsorted(ways_m, ROUTE_M))
+        found.append(ways_m[min(max(enough, LEAST_EDGES - 1), len(ways_m) - 1)])
+    return np.array(found)
 
 
 def require_supported(scenario: Scenario, config: Config) -> None:
@@ -99,10 +149,9 @@ def require_supported(scenario: Scenario, config: Config) -> None:
     timing = config.simulation
     lanes = np.flatnonzero(scenario.road.open_lanes)
     refused = {
-        "open roads": not scenario.road.is_loop,
+        "imported roads": isinstance(scenario.description, ImportedDescription),
         "a barricade between open lanes": len(lanes) != lanes[-1] - lanes[0] + 1,
-        f"roads of more than {MOST_STRIPS // EDGES} lanes": len(scenario.road.open_lanes)
-        > MOST_STRIPS // EDGES,
+        f"roads of more than {MOST_STRIPS} pieces of lanes": strips_of(scenario) > MOST_STRIPS,
         "vehicles that a scenario places exactly": bool(scenario.description.vehicles),
         "speed limits and lines along the road": bool(
             scenario.road.speed_limits or scenario.road.forbidden_lines
@@ -207,27 +256,42 @@ def place_vehicles(
 
     ``driver_models`` holds the ``DriverModel`` of each.
     """
-    x, z, near, n = world.x, world.z, world.near, len(population.ids)
-    x[:], z[:], near[:] = 0.0, 0, 0
-    types, traffic = scenario.vehicle_types, config.traffic
+    world.x[:], world.z[:], world.near[:] = 0.0, 0, 0
     drivers = in_order(driver_models) if driver_models.any() else driver_models[:0]
-    near[COUNT], near[DRIVER_COUNT] = n, len(drivers)
-    near[OVERTAKES_RIGHT] = traffic.overtake_right
-    near[KEEPS_DISTANCE] = traffic.keep_stopping_distance or len(drivers) > 0
-    z[MODEL, :n], z[DRIVERS, : len(drivers)] = driver_models, drivers
+    world.near[DRIVER_COUNT] = len(drivers)
+    world.near[OVERTAKES_RIGHT] = config.traffic.overtake_right
+    world.near[KEEPS_DISTANCE] = config.traffic.keep_stopping_distance or len(drivers) > 0
+    add_vehicles(world, net, population, driver_models, scenario, config)
+    world.z[DRIVERS, : len(drivers)] = drivers
+
+
+def add_vehicles(
+    world: World,
+    net: Net,
+    population: Population,
+    driver_models: IntArray,
+    scenario: Scenario,
+    config: Config,
+) -> None:
+    """Add the vehicles of a population to those of a world."""
+    first, types, traffic = int(world.near[COUNT]), scenario.vehicle_types, config.traffic
+    n = first + len(population.ids)
+    x, z, rows = world.x[:, first:n], world.z[:, first:n], np.arange(first, n)
+    x[:], z[:] = 0.0, 0
+    world.near[COUNT] = n
+    z[MODEL] = driver_models
     z[ON_REQUEST_ONLY] = z[MODEL] != DriverModel.SUMO
-    rows = np.arange(n)
     for column, (ours, cars, trucks) in {
         LENGTH_M: (types.ego.length_m, types.traffic.length_m, traffic.truck_length_m),
         WIDTH_M: (types.ego.width_m, types.traffic.width_m, traffic.truck_width_m),
     }.items():
-        x[column, :n] = np.where(population.is_truck, trucks, np.where(rows == 0, ours, cars))
-    x[FRONT_M, :n], x[SPEED_M_S, :n] = population.front_m, population.speed_m_s
-    x[DESIRED_M_S, :n] = population.desired_speed_m_s
-    x[HEADWAY_S, :n] = population.headway_s
-    x[ACCELERATION_M_S2, :n] = population.acceleration_m_s2
+        x[column] = np.where(population.is_truck, trucks, np.where(rows == 0, ours, cars))
+    x[FRONT_M], x[SPEED_M_S] = population.front_m, population.speed_m_s
+    x[DESIRED_M_S] = population.desired_speed_m_s
+    x[HEADWAY_S] = population.headway_s
+    x[ACCELERATION_M_S2] = population.acceleration_m_s2
     with np.errstate(divide="ignore"):  # a driver without lcSpeedGain changes for no gain
-        x[THRESHOLD_LEFT, :n] = GAIN / population.speed_gain
+        x[THRESHOLD_LEFT] = GAIN / population.speed_gain
     x[THRESHOLD_RIGHT] = RIGHT_RELUCTANCE * x[THRESHOLD_LEFT]
     x[ADVICE_M_S] = np.inf
     x[WISH_M_S2] = np.where(z[ON_REQUEST_ONLY], 0.0, np.nan)
@@ -235,10 +299,22 @@ def place_vehicles(
     for lane in range(net.lanes):
         is_open = net.first_open <= lane <= net.last_open
         x[EXPECTED_M_S + lane] = x[DESIRED_M_S] if is_open else -1.0
-    z[LANE, :n], z[ORDER, :n] = population.lane, rows
+    z[LANE], z[ORDER] = population.lane, rows
     z[MASK], z[IS_FULL] = 1 << z[LANE], 1
     z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1
-    z[TRACKED], z[TRACKED_LEFT] = -1, -1
+    z[TRACKED], z[TRACKED_LEFT] = world.near[STEP] - 1, world.near[STEP] - 1
+    sort_and_activate(world, net)
+
+
+def keep_vehicles(world: World, net: Net, rows: Sequence[int]) -> None:
+    """Remove all vehicles but those in ``rows``, which are then in this order."""
+    x, z, n, kept = world.x, world.z, int(world.near[COUNT]), len(rows)
+    new_row = np.full(n, -1)
+    new_row[rows] = np.arange(kept)
+    order = new_row[z[ORDER, :n]]
+    x[:, :kept], z[:, :kept] = x[:, rows], z[:, rows]
+    z[ORDER, :kept] = order[order >= 0]
+    world.near[COUNT] = kept
     sort_and_activate(world, net)
 
 

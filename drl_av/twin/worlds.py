@@ -42,8 +42,8 @@ DRIVER_STATE, BRAKING, SIDE, AHEAD = range(16, 20)
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
 in which others make room for it; each is -1 if there is none. ``ON_REQUEST_ONLY`` is 1 if SUMO
-changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none) stands until
-step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of the flags below; ``IS_FULL``
+changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none), counted as
+SUMO does on each edge, stands until step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of the flags below; ``IS_FULL``
 is 1 if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first.
 ``MASK`` has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
 expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
@@ -65,7 +65,8 @@ OVERTAKES_RIGHT, KEEPS_DISTANCE, DRIVER_COUNT = 20, 21, 22
 slow enough to stop behind the one ahead; and the number of drivers of our own."""
 ACTIVE = 23
 """First entry of ``near`` with that list."""
-MOST_STRIPS = 40
+MOST_STRIPS = 62
+"""Most strips: they are the bits of a set."""
 FIRST_ON = ACTIVE + MOST_STRIPS
 """First entry of ``near`` with the foremost vehicle of each edge, as its place in ``ORDER``."""
 
@@ -114,7 +115,7 @@ class World(NamedTuple):
     notes: FloatArray
     """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
     near: IntArray
-    """The vehicles around that vehicle, and counts of the world, shape (67,)."""
+    """The vehicles around that vehicle, and counts of the world, shape (147,)."""
 
 
 class Worlds(NamedTuple):
@@ -127,16 +128,25 @@ class Worlds(NamedTuple):
 
 
 class Net(NamedTuple):
-    """The road of all worlds."""
+    """The road of all worlds: SUMO's edges, one after the other, and lanes along all of them."""
 
     lap_m: float
-    edge_m: float
-    """Length of a SUMO edge; drivers see to the end of an edge."""
-    edges_per_m: float
+    """The length of a lap, after which position 0 comes; an open road ends long before it."""
+    begins_m: FloatArray
+    """The position at which each edge begins, shape (edges,)."""
+    lengths_m: FloatArray
+    """The length of each edge; drivers see to the end of an edge."""
+    first_lanes: IntArray
+    """The rightmost lane of each edge, which SUMO counts as its lane 0."""
+    routes_m: FloatArray
+    """From the beginning of each edge, the length of the road ahead that SUMO regards."""
+    edges: int
+    is_loop: bool
+    """Whether the first edge follows the last one."""
     lane_m: float
     lanes: int
     first_open: int
-    """The rightmost open lane."""
+    """The rightmost lane that the traffic may use."""
     last_open: int
     limit_m_s: float
     """SUMO's speed limit of the road."""
@@ -148,5 +158,5 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
         z=np.zeros((worlds, AHEAD + 2 * lanes, vehicles), dtype=np.int64),
         notes=np.zeros((worlds, 16)),
-        near=np.zeros((worlds, FIRST_ON + 4), dtype=np.int64),
+        near=np.zeros((worlds, FIRST_ON + MOST_STRIPS), dtype=np.int64),
     )
