@@ -1,6 +1,6 @@
 """The order in which SUMO lets the edges change lanes: that of its list of lanes with vehicles.
 
-A strip is one lane of one edge, numbered ``edge * lanes + lane``. SUMO puts a strip in front of its
+A strip is one lane of one edge, numbered ``rank * lanes + lane`` with the rank of the edge. SUMO puts a strip in front of its
 list when a vehicle enters it empty, and takes it off when it is empty after a step. Sets of strips
 are whole numbers with a bit for each.
 """
@@ -12,7 +12,7 @@ from drl_av.twin.worlds import ACTIVE, ACTIVE_COUNT, COUNT, EDGE, LANE, Net, Wor
 @inlined
 def strip_of(world: World, net: Net, i: int) -> int:
     """Return the strip on which the front of a vehicle is."""
-    return int(world.z[EDGE, i] * net.lanes + world.z[LANE, i])
+    return int(net.ranks[world.z[EDGE, i]] * net.lanes + world.z[LANE, i])
 
 
 @inlined

@@ -2,12 +2,14 @@
 
 from drl_av.compiled import borrowing, inlined
 from drl_av.twin.following import (
+    EGO_HEADWAY_S,
     EPS,
     MIN_GAP_M,
     MOST_BRAKING_M_S,
     STEP_S,
     follow_speed,
     idm_speed,
+    krauss_speed,
     secure_gap,
 )
 from drl_av.twin.lateral_room import LEFT_SPACE
@@ -65,6 +67,14 @@ def its_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> 
 
 
 @borrowing
+def own_follow_speed(world: World, i: int, gap_m: float, ahead_speed: float) -> float:
+    """Return the next speed of the vehicle ``i``, which may be the ego, behind another one."""
+    if i == 0:
+        return krauss_speed(world.x[SPEED_M_S, i], gap_m, ahead_speed, EGO_HEADWAY_S)
+    return its_follow_speed(world, i, gap_m, ahead_speed)
+
+
+@borrowing
 def inform_leader(
     world: World, i: int, side: int, blocked: int, j: int, gap_m: float, seconds: float
 ) -> float:
@@ -80,7 +90,7 @@ def inform_leader(
         stays = side > 0 and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
         if faster < EPS or stays or faster * seconds < past_m:
             inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
-            target = its_follow_speed(world, i, gap_m, its)
+            target = own_follow_speed(world, i, gap_m, its)
             if target >= speed:
                 advise(world, i, target)
                 return planned
@@ -93,14 +103,16 @@ def inform_leader(
         return -1.0
     later = its - HELP_M_S
     closer_m = (speed - later) * STEP_S
-    target = its_follow_speed(world, i, gap_m - closer_m, later)
+    target = own_follow_speed(world, i, gap_m - closer_m, later)
     advise(world, i, target)
     return min(target, planned)
 
 
 @inlined
 def stop_speed(world: World, i: int) -> float:
-    """Return IDM's next speed if the vehicle stopped at the end of the road that SUMO regards."""
+    """Return the next speed if the vehicle is to stop at the end of the road that SUMO regards."""
+    if i == 0:
+        return krauss_speed(world.x[SPEED_M_S, i], world.notes[LEFT_SPACE], 0.0, STEP_S)
     return idm_speed(
         world.x[SPEED_M_S, i],
         world.notes[LEFT_SPACE],

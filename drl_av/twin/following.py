@@ -6,7 +6,7 @@ that of the vehicle ahead.
 
 import math
 
-from drl_av.compiled import inlined
+from drl_av.compiled import borrowing, inlined
 
 STEP_S = 0.5
 """Length of a SUMO step."""
@@ -18,7 +18,8 @@ BRAKING_ROOT_M_S2 = 2.0 * math.sqrt(1.5 * BRAKING_M_S2)
 """2 sqrt(a b) of IDM; SUMO takes a from the vehicle type, not the drawn acceleration."""
 MOST_BRAKING_M_S = BRAKING_M_S2 * STEP_S
 """Largest reduction of the speed in one step."""
-EGO_HEADWAY_S = 1.5
+EGO_HEADWAY_S, EGO_ACCELERATION_M_S2 = 1.5, 2.0
+"""The ego's vehicle type, by whose Krauss model SUMO judges what the ego would do."""
 EPS = 0.001
 """SUMO's NUMERICAL_EPS."""
 
@@ -91,3 +92,21 @@ def secure_gap(speed: float, ahead_speed: float, headway_s: float, is_ego: bool)
         stop_m = brake_gap(speed, BRAKING_M_S2, EGO_HEADWAY_S)
         return max(0.0, stop_m - brake_gap(ahead_speed, BRAKING_M_S2, 0.0))
     return max(0.0, speed * headway_s + speed * (speed - ahead_speed) / BRAKING_ROOT_M_S2)
+
+
+@borrowing
+def krauss_speed(speed: float, gap_m: float, ahead_speed: float, headway_s: float) -> float:
+    """Return the next speed of SUMO's Krauss model: the vehicle can stop where the one ahead can.
+
+    ``headway_s`` is the time before it brakes; an obstacle has the speed 0.
+    """
+    room_m = gap_m - EPS + brake_gap(ahead_speed, BRAKING_M_S2, 0.0)
+    if room_m <= 0.0:
+        return 0.0
+    steps = 0
+    while brake_gap((steps + 1) * MOST_BRAKING_M_S, BRAKING_M_S2, headway_s) <= room_m:
+        steps += 1
+    least = steps * MOST_BRAKING_M_S
+    rest_m = room_m - brake_gap(least, BRAKING_M_S2, headway_s)
+    safe = least + rest_m / (steps * STEP_S + headway_s)
+    return min(safe, speed + EGO_ACCELERATION_M_S2 * STEP_S)

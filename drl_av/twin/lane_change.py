@@ -3,10 +3,11 @@
 import math
 
 from drl_av.compiled import borrowing, inlined
+from drl_av.road.compiled_road import is_beside, mandatory_change
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
-from drl_av.twin.following import EPS, STEP_S
-from drl_av.twin.lane_choice import keep_lateral_gap, limit_move, wish
-from drl_av.twin.lane_speeds import is_open, look_around, needs_thought, track
+from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S
+from drl_av.twin.lane_choice import ask_for_room, keep_lateral_gap, limit_move, wish
+from drl_av.twin.lane_speeds import is_open, is_seen, look_around, needs_thought, track
 from drl_av.twin.lateral_room import (
     FOLLOWER,
     FOLLOWER_GAP,
@@ -20,6 +21,7 @@ from drl_av.twin.lateral_room import (
     SAFE_RIGHT,
     center_m,
     influenced,
+    lane_side_distance,
     request_of,
     signed,
 )
@@ -44,6 +46,7 @@ from drl_av.twin.worlds import (
     LANE,
     LATERAL_SPEED_M_S,
     LEFT,
+    LENGTH_M,
     MANEUVER_M,
     MASK,
     ON_REQUEST_ONLY,
@@ -54,6 +57,7 @@ from drl_av.twin.worlds import (
     RIGHT,
     SHADOW,
     SPEED_GAIN,
+    SPEED_M_S,
     STATE,
     STAY,
     STEP,
@@ -67,6 +71,10 @@ from drl_av.twin.worlds import (
     World,
 )
 
+LOOK_AHEAD_S, URGENCY = 10.0, 2.0
+"""SUMO's SL2015: how far ahead, in seconds, a mandatory lane change to the right is urgent, twice
+as far to the left; and the factor by which it is to end earlier than it must."""
+
 
 @inlined
 def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
@@ -79,7 +87,7 @@ def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
     for k in range(n - 1, -1, -1):
         near[FIRST_ON + z[EDGE, z[ORDER, k]]] = k
     for m in range(near[ACTIVE_COUNT]):
-        edge = near[ACTIVE + m] // net.lanes
+        edge = net.by_rank[near[ACTIVE + m] // net.lanes]
         if done & (1 << edge):
             continue
         done |= 1 << edge
@@ -88,6 +96,8 @@ def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
             if z[EDGE, i] < edge:
                 break
             if i == 0:
+                if not net.is_loop:
+                    ask_for_ego(world, net, k)
                 place_ego(world, net, ego_y_m)
             elif needs_thought(world, net, k):
                 change_lane(world, net, k)
@@ -147,21 +157,11 @@ def change_lane(world: World, net: Net, k: int) -> None:
     else:
         look_around(world, net, k)
     notes, near, own = world.notes, world.near, world.z[LANE, i]
-    sides = (RIGHT if is_open(net, own - 1) else 0) | (LEFT if is_open(net, own + 1) else 0)
-    for d in (-1, 0, 1):
-        near[FOLLOWER + 1 + d] = -1
-        if is_open(net, own + d):
-            j, gap_m = follower(world, net, k, own + d)
-            near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d] = j, gap_m
-    half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
-    center = center_m(world, net, i)
-    notes[SAFE_RIGHT] = center - half_m
-    notes[SAFE_LEFT] = net.lanes * net.lane_m - center - half_m
-    notes[LAST_RIGHT] = math.inf
-    notes[LAST_LEFT] = math.inf
     edge = world.z[EDGE, i]
+    sides = RIGHT if is_seen(net, edge, own - 1) else 0
+    sides |= LEFT if is_seen(net, edge, own + 1) else 0
+    look_behind(world, net, k)
     notes[LEFT_SPACE] = net.routes_m[edge] - (world.x[FRONT_M, i] - net.begins_m[edge])
-    near[RELATED_COUNT] = -1
     world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0
     if sides & RIGHT:
@@ -193,6 +193,49 @@ def change_lane(world: World, net: Net, k: int) -> None:
         world.x[ADVICE_M_S, i] = math.inf
     reserve(world, net, i)
     world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i] if world.z[STATE, i] & REQUESTED else 0.0
+
+
+@borrowing
+def look_behind(world: World, net: Net, k: int) -> None:
+    """Note the vehicles behind the ``k``-th one, and the room beside it, before it decides."""
+    notes, near, i = world.notes, world.near, world.z[ORDER, k]
+    own, edge = world.z[LANE, i], world.z[EDGE, i]
+    for d in (-1, 0, 1):
+        near[FOLLOWER + 1 + d] = -1
+        if is_seen(net, edge, own + d):
+            j, gap_m = follower(world, net, k, own + d)
+            near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d] = j, gap_m
+    half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
+    center = center_m(world, net, i)
+    notes[SAFE_RIGHT] = center - half_m - net.first_lanes[edge] * net.lane_m
+    notes[SAFE_LEFT] = net.lanes * net.lane_m - center - half_m
+    notes[LAST_RIGHT] = math.inf
+    notes[LAST_LEFT] = math.inf
+    near[RELATED_COUNT] = -1
+
+
+@borrowing
+def ask_for_ego(world: World, net: Net, k: int) -> None:
+    """Ask others for room for the ego's next mandatory lane change, as SUMO does in its name.
+
+    SUMO cancels the lane change itself, because we drive the ego.
+    """
+    x, lane, at_m = world.x, world.z[LANE, 0], world.x[FRONT_M, 0]
+    changes, within_m = mandatory_change(lane, at_m, net.road)
+    changes = max(changes, net.first_lanes[world.z[EDGE, 0]] - lane)
+    side = 1 if changes > 0 else -1
+    if changes == 0 or not is_beside(lane, lane + side, at_m, net.road):
+        return
+    speed, count = x[SPEED_M_S, 0], abs(changes)
+    ahead_s = LOOK_AHEAD_S * (2.0 if side > 0 else 1.0)
+    if within_m / count >= speed * ahead_s + 2.0 * (x[LENGTH_M, 0] + MIN_GAP_M):
+        return
+    look_around(world, net, k)
+    look_behind(world, net, k)
+    world.notes[LEFT_SPACE] = within_m
+    world.notes[MOVE] = lane_side_distance(x[WIDTH_M, 0], x[ASIDE_M, 0], side, net.lane_m)
+    seconds = max(STEP_S, within_m / max(speed, EPS) / count / URGENCY)
+    ask_for_room(world, net, 0, side, seconds)
 
 
 @inlined

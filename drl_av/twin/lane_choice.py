@@ -43,6 +43,7 @@ from drl_av.twin.worlds import (
     BLOCKED_RIGHT,
     COMMANDED_M,
     COOPERATIVE,
+    EDGE,
     FULL_REASONS,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -63,6 +64,7 @@ from drl_av.twin.worlds import (
     STATE,
     STAY,
     STEP,
+    STRATEGIC,
     SUBLANE,
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
@@ -94,6 +96,8 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
         fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
         if side > 0 and ahead >= 0 and fast and not world.near[OVERTAKES_RIGHT]:
             keep_behind(world, i, ahead, notes[LEADER_GAP + 2])
+        if own + side < net.first_open:
+            state |= STAY | STRATEGIC
         if request != 0:
             asked = influenced(state, request, on_request_only, is_commanded)
             if asked & STAY:
@@ -115,7 +119,8 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
         notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
         return state
     if state & URGENT:
-        return state | ask_for_room(world, net, i, side)
+        seconds = max((world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S, 1e-300)
+        return state | ask_for_room(world, net, i, side, seconds)
     mine = ASKED_BY_RIGHTWARD if side < 0 else ASKED_BY_LEFTWARD
     if side != 0:
         helps = world.z[STATE, i] & IS_BLOCKING_FOLLOWER
@@ -152,13 +157,15 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
 
 
 @borrowing
-def ask_for_room(world: World, net: Net, i: int, side: int) -> int:
-    """Ask the vehicles in the way of a requested lane change for room; return what blocks it."""
+def ask_for_room(world: World, net: Net, i: int, side: int, seconds: float) -> int:
+    """Ask the vehicles in the way of the move in ``notes`` for room; return what blocks it.
+
+    ``seconds`` are left for the lane change.
+    """
     notes, near = world.notes, world.near
     notes[MANEUVER] = notes[MOVE]
     blocked = check_blocking(world, net, i, side, LATERAL_GAP_M, False)
     blockers = near[BLOCKERS]
-    seconds = max((world.z[REQUEST_END, i] - world.near[STEP]) * STEP_S, 1e-300)
     planned = world.x[SPEED_M_S, i]
     for bit, d in ((1, 0), (4, side)):
         if blockers & bit:
@@ -220,7 +227,9 @@ def keep_lateral_gap(world: World, net: Net, i: int, side: int, state: int) -> i
     state &= ~(BLOCKED | OVERLAPPING)
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
     center = center_m(world, net, i)
-    right, left = center - half_m, net.lanes * net.lane_m - center - half_m
+    right = center - half_m - net.first_lanes[world.z[EDGE, i]] * net.lane_m
+    left = net.lanes * net.lane_m - center - half_m
+    stays = side == 0 or state & (STAY | STRATEGIC) == STAY | STRATEGIC
     kept_m = 0.0 if right < 0 or left < 0 else LATERAL_GAP_M
     net_m = -world.x[LENGTH_M, i] * 0.5
     for d in (0, side):
@@ -235,10 +244,10 @@ def keep_lateral_gap(world: World, net: Net, i: int, side: int, state: int) -> i
     body_right = right if notes[LAST_RIGHT] == math.inf else notes[LAST_RIGHT]
     body_left = left if notes[LAST_LEFT] == math.inf else notes[LAST_LEFT]
     aside_m, half_lane_m = world.x[ASIDE_M, i], 0.5 * net.lane_m
-    if side >= 0:
+    if stays or side > 0:
         right = min(right, max(0.0, half_lane_m + aside_m - half_m))
         body_right = min(body_right, max(0.0, half_lane_m + aside_m - half_m))
-    if side <= 0:
+    if stays or side < 0:
         left = min(left, max(0.0, half_lane_m - aside_m - half_m))
         body_left = min(body_left, max(0.0, half_lane_m - aside_m - half_m))
     before_m = notes[MOVE]

@@ -56,8 +56,22 @@ TRACK_STEPS = 8
 
 @inlined
 def is_open(net: Net, lane: int) -> bool:
-    """Return whether the lane exists and is open."""
+    """Return whether the traffic's route follows this lane, which is open."""
     return net.first_open <= lane <= net.last_open
+
+
+@inlined
+def is_seen(net: Net, edge: int, lane: int) -> bool:
+    """Return whether the lane exists on an edge and is open; it may lead elsewhere."""
+    return net.first_seen[edge] <= lane <= net.last_open
+
+
+@inlined
+def expect_anew(world: World, net: Net, i: int) -> None:
+    """Forget the expected speeds that SL2015 does not keep on an edge with other lanes."""
+    x, first = world.x, net.first_lanes[world.z[EDGE, i]]
+    for lane in range(max(net.first_open, first + 1)):
+        x[EXPECTED_M_S + lane, i] = min(x[DESIRED_M_S, i], net.limit_m_s) if lane >= first else -1.0
 
 
 @inlined
@@ -79,9 +93,10 @@ def look_around(world: World, net: Net, k: int) -> None:
     seen_m = reach_m(net, edge, pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i])
     for d in range(3):
         near[LEADER + d] = -1
-    for lane in range(net.first_open, net.last_open + 1):
+    for lane in range(net.first_seen[edge], net.last_open + 1):
         j, rear_m = leader(world, net, k, lane, seen_m)
-        gap_m = rear_m - MIN_GAP_M if j >= 0 else net.routes_m[edge] - pos_m
+        end_m = net.routes_m[edge] if lane >= net.first_open else net.lengths_m[edge]
+        gap_m = rear_m - MIN_GAP_M if j >= 0 else end_m - pos_m
         if abs(lane - own) <= 1:
             near[LEADER + 1 + lane - own], world.notes[LEADER_GAP + 1 + lane - own] = j, gap_m
         expect(world, i, lane, promised_speed(world, i, j, gap_m))

@@ -26,6 +26,7 @@ from drl_av.twin.following import (
     free_speed,
 )
 from drl_av.twin.lane_change import change_lanes
+from drl_av.twin.lane_speeds import expect_anew
 from drl_av.twin.neighbors import LONGEST_M, edge_of, insert_sorted, link, next_edge
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
@@ -200,7 +201,10 @@ def move(world: World, net: Net) -> None:
         at_m = world.x[FRONT_M, i] + speed * STEP_S
         at_m = at_m if at_m < net.lap_m else at_m - net.lap_m
         world.x[FRONT_M, i] = at_m
+        before = world.z[EDGE, i]
         world.z[EDGE, i] = edge_of(at_m, net)
+        if net.first_lanes[world.z[EDGE, i]] != net.first_lanes[before]:
+            expect_anew(world, net, i)
         now = strip_of(world, net, i)
         present |= 1 << now
         if now == strip:

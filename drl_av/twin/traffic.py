@@ -12,6 +12,7 @@ from drl_av.drivers.background.finite_state import HardBraking
 from drl_av.drivers.background.traffic import in_order
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator, kind_of_traffic
+from drl_av.road.compiled_road import road_numbers
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.layout import split_long_edges
@@ -89,13 +90,17 @@ def net_of(scenario: Scenario, config: Config) -> Net:
         require_speed_limit(kind, scenario.description)
         require_truck_width(kind, scenario.description)
     road, start = scenario.road, scenario.layout.start
-    begins_m, lengths_m, first_lanes = edges_of(scenario)
+    names, begins_m, lengths_m, first_lanes = edges_of(scenario)
+    by_rank = np.argsort(names, kind="stable")
     lanes = np.flatnonzero(road.open_lanes) if start is None else np.array(start.lanes)
     return Net(
         lap_m=float(road.lap_m),
         begins_m=begins_m,
         lengths_m=lengths_m,
         first_lanes=first_lanes,
+        first_seen=np.full(len(begins_m), lanes.min()) if road.is_loop else first_lanes,
+        ranks=by_rank.argsort(),
+        by_rank=by_rank,
         routes_m=routes_of(lengths_m, road.is_loop),
         edges=len(begins_m),
         is_loop=road.is_loop,
@@ -104,24 +109,26 @@ def net_of(scenario: Scenario, config: Config) -> Net:
         first_open=int(lanes.min()),
         last_open=int(lanes.max()),
         limit_m_s=float(scenario.description.speed_limit_m_s),
+        road=road_numbers(road),
     )
 
 
-def edges_of(scenario: Scenario) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return where the edges of the traffic's route begin, their lengths and their first lanes."""
+def edges_of(scenario: Scenario) -> tuple[list[str], FloatArray, FloatArray, IntArray]:
+    """Return the names of the edges of the traffic's route, begins, lengths and first lanes."""
     description = scenario.description
     if isinstance(description, OpenDescription):
         plan = split_long_edges(description.plan())
-        by_id = {edge.id: edge for edge in plan.edges}
-        route = [by_id[name] for name in next(iter(plan.routes.values()))]
+        by_id, names = {edge.id: edge for edge in plan.edges}, [*next(iter(plan.routes.values()))]
+        route = [by_id[name] for name in names]
         begins_m, ends_m = np.array([(edge.begin_m, edge.end_m) for edge in route]).T
         first_lanes = np.array([edge.lanes[0] for edge in route])
     else:
+        names = [*next(iter(scenario.layout.routes.values()))]
         lanes = scenario.layout.lane_positions.values()
         begins_m = np.unique([begin_m for _, begin_m in lanes])
         ends_m = np.append(begins_m[1:], float(scenario.road.lap_m))
         first_lanes = np.zeros(len(begins_m), np.int64)
-    return np.ascontiguousarray(begins_m), ends_m - begins_m, first_lanes
+    return names, np.ascontiguousarray(begins_m), ends_m - begins_m, first_lanes
 
 
 def strips_of(scenario: Scenario) -> int:
@@ -296,9 +303,10 @@ def add_vehicles(
     x[ADVICE_M_S] = np.inf
     x[WISH_M_S2] = np.where(z[ON_REQUEST_ONLY], 0.0, np.nan)
     x[REQUESTED_M_S], x[CHOSEN_M_S] = LEFT_TO_SUMO, x[SPEED_M_S]
+    first_seen = net.first_seen[[edge_of(at_m, net) for at_m in population.front_m]]
     for lane in range(net.lanes):
-        is_open = net.first_open <= lane <= net.last_open
-        x[EXPECTED_M_S + lane] = x[DESIRED_M_S] if is_open else -1.0
+        is_seen = (first_seen <= lane) & (lane <= net.last_open)
+        x[EXPECTED_M_S + lane] = np.where(is_seen, x[DESIRED_M_S], -1.0)
     z[LANE], z[ORDER] = population.lane, rows
     z[MASK], z[IS_FULL] = 1 << z[LANE], 1
     z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1

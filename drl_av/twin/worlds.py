@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.road.compiled_road import RoadNumbers
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -43,8 +45,9 @@ DRIVER_STATE, BRAKING, SIDE, AHEAD = range(16, 20)
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
 in which others make room for it; each is -1 if there is none. ``ON_REQUEST_ONLY`` is 1 if SUMO
 changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none), counted as
-SUMO does on each edge, stands until step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are SL2015's, of the flags below; ``IS_FULL``
-is 1 if its last move could be made at once. ``ORDER`` lists the vehicles, the foremost first.
+SUMO does on each edge, stands until step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are
+SL2015's, of the flags below; ``IS_FULL`` is 1 if its last move could be made at once. ``ORDER``
+lists the vehicles, the foremost first.
 ``MASK`` has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
 expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
 same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
@@ -138,6 +141,12 @@ class Net(NamedTuple):
     """The length of each edge; drivers see to the end of an edge."""
     first_lanes: IntArray
     """The rightmost lane of each edge, which SUMO counts as its lane 0."""
+    first_seen: IntArray
+    """The rightmost lane of each edge that is not barricaded; it may lead elsewhere."""
+    ranks: IntArray
+    """The place of each edge in SUMO's order, which is that of their names."""
+    by_rank: IntArray
+    """The edge at each place."""
     routes_m: FloatArray
     """From the beginning of each edge, the length of the road ahead that SUMO regards."""
     edges: int
@@ -146,10 +155,11 @@ class Net(NamedTuple):
     lane_m: float
     lanes: int
     first_open: int
-    """The rightmost lane that the traffic may use."""
+    """The rightmost lane that the traffic's route follows."""
     last_open: int
     limit_m_s: float
     """SUMO's speed limit of the road."""
+    road: RoadNumbers
 
 
 def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
