@@ -34,9 +34,9 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
 from drl_av.driving.car_following import acceleration_behind_ego
 from drl_av.driving.scene import Scene
-from drl_av.env.episode_start import COMPLETE, EXIT_MISSED
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.env.route_outcome import COMPLETE, EXIT_MISSED
 from drl_av.env.transition import Transition
 from drl_av.evaluation.criterion import wilson
 from drl_av.road.snapshot import Snapshot

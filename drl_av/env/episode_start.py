@@ -1,4 +1,4 @@
-"""An episode: its seed, traffic and number of vehicles at a reset, and how the ego's route ends."""
+"""The start of an episode: its seed, its traffic and its number of vehicles."""
 
 import math
 import warnings
@@ -9,12 +9,9 @@ import numpy as np
 
 from drl_av.config import Config, SimulationConfig, TrafficConfig
 from drl_av.drivers.background.traffic import TrafficDrivers
-from drl_av.driving.scene import Scene
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.random_streams import Stream, generator, kind_of_traffic
-from drl_av.road.road import Road
-from drl_av.road.snapshot import EGO
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.layout import Layout
 from drl_av.simulation.simulation import Simulation
@@ -160,55 +157,3 @@ def drawn_traffic(
         before.close()
         drawn.simulation.after_step = before.after_step
     return drawn
-
-
-EXIT_TAKEN, EXIT_MISSED = "exit taken", "exit missed"
-MERGED, NOT_MERGED = "merged", "not merged"
-COMPLETE = (EXIT_TAKEN, MERGED)
-"""The outcomes of a route that the ego has completed."""
-
-
-class RouteOutcome:
-    """The outcome of the ego's route in one episode.
-
-    The route leads to the ego's exit. On a road without an exit, it leads out of the lane in which
-    the ego starts, if that lane ends. Otherwise the ego has no route, and the outcome is always "".
-    """
-
-    def __init__(self, road: Road, start: Scene) -> None:
-        self._road, self._has_exit = road, road.exit_m < math.inf
-        self._end_m, self._exit_lane = road.exit_m, road.exit_lane
-        if not self._has_exit and start.affordances.mandatory.lanes != 0:
-            self._end_m = road.lane_end_m(start.affordances.lane, front_m(start))
-        self._outcome = ""
-
-    def outcome(self, scene: Scene, over: bool) -> str:
-        """Return the outcome of the route after a decision, or "" while it is not decided.
-
-        The outcome is "exit taken" or "exit missed" on a road with an exit, otherwise "merged" or
-        "not merged". It stays the same once it is decided. ``over`` says whether the episode ends
-        with ``scene``, by a collision or otherwise. If the outcome is still open then, it becomes
-        "exit missed" or "not merged".
-        """
-        if self._end_m < math.inf and not self._outcome:
-            failed = EXIT_MISSED if self._has_exit else NOT_MERGED
-            self._outcome = self._passed(scene) or failed * over
-        return self._outcome
-
-    def misses_exit(self, scene: Scene) -> bool:
-        """Return whether the ego has passed its exit without taking it."""
-        return self._has_exit and self._road.misses_exit(scene.affordances.lane, front_m(scene))
-
-    def _passed(self, scene: Scene) -> str:
-        """Return the outcome that follows from the ego's position alone; "" if none does."""
-        if front_m(scene) < self._end_m:
-            return ""
-        if not self._has_exit:
-            return MERGED
-        return EXIT_TAKEN if scene.affordances.lane <= self._exit_lane else EXIT_MISSED
-
-
-def front_m(scene: Scene) -> float:
-    """Return the position of the ego's front bumper along the road, m."""
-    snapshot = scene.snapshot
-    return float(snapshot.s_m[EGO] + snapshot.length_m[EGO] / 2)

@@ -20,8 +20,6 @@ from drl_av.driving.scene import LaneChange, Scene, infer_action
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
-    COMPLETE,
-    RouteOutcome,
     TrafficSetup,
     drawn_traffic,
     most_decisions,
@@ -34,6 +32,7 @@ from drl_av.env.fork import copy_episode
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
+from drl_av.env.route_outcome import COMPLETE, RouteOutcome
 from drl_av.env.scene_values import SceneValues
 from drl_av.env.transition import Observation, RewardFunction, Transition, custom_reward
 from drl_av.env.vector import TwinVectorEnv
@@ -198,8 +197,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             fleet.driver_models, fleet.population.desired_speed_m_s, self.seed
         )
         self._observe(snapshot, None)
-        self._route = RouteOutcome(self.road, self.scene)
-        info = self._info(self._route.outcome(self.scene, over=False))
+        self._route = RouteOutcome(self.road, self.scene.indicators)
+        info = self._info(self._route.outcome(self.scene.indicators, over=False))
         check = self.safety_check
         info["unsafe_start"] = isinstance(check, Strict) and not check.start_is_safe(self.scene)
         if self._renderer is not None:
@@ -288,8 +287,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             config.reward.collision_reward if terminated else terms.total,
             terminated,
             truncated,
-            self._route.outcome(self.scene, over),
-            self._route.misses_exit(self.scene),
+            self._route.outcome(self.scene.indicators, over),
+            self._route.misses_exit(self.scene.indicators),
         )
         if self._own_reward is not None:
             reward = custom_reward(self._own_reward, self.transition)

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from drl_av.driving.actions import Longitudinal
-from drl_av.env.episode_start import COMPLETE
 from drl_av.env.reward import Rewards
+from drl_av.env.route_outcome import COMPLETE
 from drl_av.env.transition import Transition
 from drl_av.files import PossiblyInfinite
 from drl_av.road.snapshot import Collision

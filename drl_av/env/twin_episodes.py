@@ -18,7 +18,7 @@ from drl_av.errors import ConfigError
 from drl_av.road.compiled_road import RoadNumbers, holds, road_numbers
 from drl_av.road.sweep import HIT_EDGE, NO_CONTACT, swept_collision
 from drl_av.safety import named_check
-from drl_av.safety.paper import SafetyNumbers, paper_verdicts
+from drl_av.safety.paper import SafetyNumbers, before_lane_ends, paper_verdicts
 from drl_av.safety.reachability import StrictNumbers
 from drl_av.safety.strict import strict_verdicts
 from drl_av.scenarios.folder import Scenario
@@ -274,11 +274,14 @@ def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     episodes.terms[w, 0], episodes.terms[w, 1], episodes.terms[w, 2] = r_v, r_y, r_x
     executed, rules = episodes.executed[w], episodes.rules[w]
     origin, target = episodes.lanes[w, 0], episodes.lanes[w, 1]
-    if task.check == PAPER:
+    lanes = (origin, target)
+    ground = task.net.lap_m, task.net.lane_m, task.road.barriers, values[FRONT]
+    if task.check == PAPER and len(task.road.barriers):
+        settings = task.safety, task.strict, task.ego
+        before_lane_ends(state, values, codes, lanes, ground, *settings, executed, rules)
+    elif task.check == PAPER:
         paper_verdicts(values, codes, origin, target, task.safety, executed, rules)
     elif task.check == STRICT:
-        ground = task.net.lap_m, task.net.lane_m, task.road.barriers, values[FRONT]
-        lanes = (origin, target)
         strict_verdicts(state, codes, lanes, ground, task.strict, task.ego, executed, rules)
     else:
         for number in range(12):

@@ -5,6 +5,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.env.open_worlds import (
+    exchange_vehicles,
+    leaving_and_entering,
+    request_random_changes,
+)
 from drl_av.env.twin_episodes import advance, read_scene
 from drl_av.errors import ConfigError
 from drl_av.road.compiled_road import road_numbers
@@ -14,10 +19,10 @@ from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color
 from drl_av.simulation.vehicle_calls import EgoModel
-from drl_av.twin.commands import REQUEST_STEPS, request_change
+from drl_av.twin.commands import request_change
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import add_vehicles, keep_vehicles, net_of, place_vehicles
-from drl_av.twin.worlds import COUNT, FRONT_M, STEP, WISH_M_S2, World, empty_worlds
+from drl_av.twin.traffic import net_of, place_vehicles
+from drl_av.twin.worlds import COUNT, STEP, WISH_M_S2, World, empty_worlds
 
 
 class TwinSimulation:
@@ -62,9 +67,7 @@ class TwinSimulation:
 
         Return the snapshot after the last step, and the ego's collision or None.
         """
-        y_m = self._scene[1, : len(self.fleet.ids)].tolist()
-        for row, side in self.fleet.lane_changes(0.0, y_m):
-            request_change(self.world, self._net, row, side, REQUEST_STEPS)
+        request_random_changes(self.world, self._net, self.fleet, self._scene[1])
         self.world.x[WISH_M_S2, traffic_commands.rows] = traffic_commands.acceleration_m_s2
         for row, side in traffic_commands.lane_changes():
             request_change(self.world, self._net, row, side, len(commands))
@@ -91,31 +94,17 @@ class TwinSimulation:
         self._scene, self._before = np.zeros((6, vehicles)), np.zeros((2, vehicles))
 
     def _exchange(self) -> None:
-        """Remove the vehicles that have left an open road, and add those that enter it.
-
-        As in SUMO, those that have left drive on, behind the rows of the others, to the road's end.
-        """
-        world, net, n = self.world, self._net, len(self.fleet.ids)
-        time_s = float(world.near[STEP] * STEP_S)
-        exchanged = self.fleet.update_open_road(time_s, *self._scene[:3, :n].tolist())
+        """Remove the vehicles that have left an open road, and add those that enter it."""
+        exchanged = leaving_and_entering(self.world, self.fleet, self._scene)
         if exchanged is None:
             return
-        kept, entering = exchanged
-        end_m = net.begins_m[-1] + net.lengths_m[-1]
-        left = sorted({*range(world.near[COUNT])} - {*kept})
-        left = [row for row in left if world.x[FRONT_M, row] < end_m]
-        keep_vehicles(world, net, [*kept, *left])
-        if world.near[COUNT] + len(entering) > self._scene.shape[1]:
-            self._make_room(2 * (int(world.near[COUNT]) + len(entering)))
-            for old, new in zip(world, self.world, strict=True):
+        before, needed = self.world, int(self.world.near[COUNT]) + len(exchanged[1])
+        if needed > self._scene.shape[1]:
+            self._make_room(2 * needed)
+            for old, new in zip(before, self.world, strict=True):
                 new[..., : old.shape[-1]] = old
-        for vehicle in entering:
-            models = np.zeros(1, np.int64)
-            add_vehicles(self.world, net, vehicle, models, self.scenario, self._config)
-        order = np.arange(self.world.near[COUNT])
-        ours = (order < len(kept)) | (order >= len(kept) + len(left))
-        keep_vehicles(self.world, net, [*order[ours], *order[~ours]])
-        read_scene(self.world, net, self._scene)
+        exchange_vehicles(self.world, self._net, self.fleet, *exchanged)
+        read_scene(self.world, self._net, self._scene)
 
     def hand_over(self, model: EgoModel) -> None:
         """Refuse that SUMO drives the ego.

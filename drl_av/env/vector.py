@@ -19,22 +19,24 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
+from drl_av.env.open_worlds import (
+    OpenWorlds,
+    exchange_vehicles,
+    leaving_and_entering,
+    request_random_changes,
+)
 from drl_av.env.twin_episodes import CHECK_NUMBERS, decide_all, empty_episodes, look_all, task_of
+from drl_av.env.vector_info import common_info, marked, step_info
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
-from drl_av.road.snapshot import Snapshot
-from drl_av.road.sweep import KINDS, NO_CONTACT
-from drl_av.safety.check import RULES
+from drl_av.road.snapshot import EGO_ID, Snapshot
+from drl_av.road.sweep import NO_CONTACT
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
 from drl_av.twin.worlds import COUNT, LANE, MODEL, STEP, World, empty_worlds
 
 Observations = npt.NDArray[np.float32]
-RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
-COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
-"""By number; -1, no collision, is the last."""
-EGO_HITS = np.array([*(kind.ego_hit for kind in KINDS), False])
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
 
@@ -49,7 +51,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     Args:
         num_envs: The number of worlds.
-        scenario: A scenario folder, or the name of a shipped scenario; a loop.
+        scenario: A scenario folder, or the name of a shipped scenario.
         safety_check: The name of a check.
         config: Settings, as for ``drl_av/Highway-v0``.
         action_mask: Whether ``info`` holds the action masks, shape (num_envs, 12), int8.
@@ -85,6 +87,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         self.road = self._scenario.road
         self.task = task_of(self._scenario, config)
+        self._open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
         bounds = self.task.bounds
         self.single_observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS))
@@ -109,6 +112,8 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self._over = np.ones(count, np.bool_)
         self._rows, self._no_words = np.arange(count), np.full(count, "", dtype=object)
         self._no_words.setflags(write=False)
+        self.ways = self._no_words.copy()
+        """The outcome of each ego's route."""
         self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
         self._pool = ThreadPoolExecutor(self._chunks) if self._chunks > 1 else None
 
@@ -180,14 +185,19 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         goes_on = ~begins | self._is_fork
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
         late = self.episodes.decisions >= self.config.simulation.decisions_per_episode
-        truncated = late & goes_on
+        ends = self.episodes.scene[:, 0, 0] >= self.road.end_m
+        truncated = (late | ends) & goes_on
         r_v, r_y, r_x = self.episodes.terms.T
         rewards = (r_v + r_y + r_x) / 3
         rewards[terminated] = self.config.reward.collision_reward
         rewards[begins] = 0.0
         self._over = terminated | truncated
+        if self._open is not None:
+            for row in rows.tolist():
+                self.ways[row] = self._open.way(row, self._indicators(row), bool(self._over[row]))
         info = self._info(np.ones(self.num_envs, np.bool_))
-        info |= self._outcome(~begins, proposed, executed, rules)
+        decided = proposed, executed, rules
+        info |= step_info(self.episodes, self._over, self.ways, decided, self._ids, ~begins)
         observations = self.episodes.observation.copy()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
             observations = self._restart(observations, info)
@@ -210,7 +220,10 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
         Raises:
             gymnasium.error.ResetNeeded: the episode is over, or none has begun.
+            ConfigError: the road is open.
         """
+        if self._open is not None:
+            raise ConfigError("An episode on an open road has no forks: take a loop.")
         if self._over[world]:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         fork, decisions = copy(self), int(self.episodes.decisions[world])
@@ -239,22 +252,25 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     def scene(self, row: int) -> Scene:
         """Return the present scene of a world, which a driver or a check can read."""
-        count, episodes, task = int(self.worlds.near[row, COUNT]), self.episodes, self.task
-        snapshot = Snapshot(
-            float(self.worlds.near[row, STEP] * STEP_S),
-            ("ego", *(f"vehicle{number}" for number in range(1, count))),
-            *episodes.scene[row, :, :count].copy(),
-        )
-        found = Indicators(
-            episodes.values[row].copy(),
-            episodes.codes[row].copy(),
-            ground_of(task.road),
-            task.range_m,
-            task.road.speed_limits,
-        )
+        ids, episodes = self._ids(row), self.episodes
+        now_s = float(self.worlds.near[row, STEP] * STEP_S)
+        snapshot = Snapshot(now_s, ids, *episodes.scene[row, :, : len(ids)].copy())
+        found = self._indicators(row)
         origin, target = episodes.lanes[row].tolist()
         change = LaneChange(origin, target, float(episodes.heading_rad[row]))
         return Scene.of(snapshot, found, None if origin == target else change, self.road)
+
+    def _indicators(self, row: int) -> Indicators:
+        """Return the indicators of the present scene of a world."""
+        task, values, codes = self.task, self.episodes.values[row], self.episodes.codes[row]
+        ground = ground_of(task.road), task.range_m, task.road.speed_limits
+        return Indicators(values.copy(), codes.copy(), *ground)
+
+    def _ids(self, row: int) -> tuple[str, ...]:
+        """Return the names of the vehicles in a world."""
+        if self._open is not None:
+            return self._open.fleets[row].ids
+        return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
@@ -299,10 +315,15 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                 generator, _ = seeding.np_random(seed)
                 self._generators[row] = generator
             seed = traffic_seed(seed, self._options, generator)
-            vehicles = number_of_vehicles(self._options, seed, config.traffic, None, None)
+            usual = self._open.default_vehicle_count if self._open else None
+            vehicles = number_of_vehicles(self._options, seed, config.traffic, None, usual)
             self.seeds[row], self.vehicles[row] = seed, vehicles
             kinds = config.per_traffic_preset
-            drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
+            if self._open is not None:
+                kind = kinds[kind_of_traffic(seed, len(kinds))]
+                drawn.append(self._open.draw(row, seed, vehicles, kind))
+            else:
+                drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
         self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
         for row, one in zip(rows.tolist(), drawn, strict=True):
             vehicles_of_it = one.population, one.driver_models, self._scenario, one.config
@@ -314,6 +335,10 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         episodes.collision[rows] = NO_CONTACT, 0
         self._over[rows] = False
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
+        if self._open is not None:
+            for row in rows.tolist():
+                self._open.begin(row, self._indicators(row))
+        self.ways[rows] = ""
 
     def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
         """Set the random events of a world that are to come."""
@@ -338,6 +363,26 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         return World(*(array[row] for array in self.worlds))
 
     def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
+        """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
+        if self._open is None:
+            self._decide_all(rows, proposed)
+            return
+        net, fleets = self.task.net, self._open.fleets
+        for row in rows.tolist():
+            y_m = self.episodes.scene[row, 1]
+            request_random_changes(self.world(row), net, fleets[row], y_m)
+        self._decide_all(rows, proposed)
+        changed = []
+        for row in rows.tolist():
+            exchanged = leaving_and_entering(self.world(row), fleets[row], self.episodes.scene[row])
+            if exchanged is not None:
+                self._make_room(int(self.worlds.near[row, COUNT]) + len(exchanged[1]), 0)
+                exchange_vehicles(self.world(row), net, fleets[row], *exchanged)
+                self.vehicles[row] = len(fleets[row].ids) - 1
+                changed.append(row)
+        look_all(self.worlds, self.episodes, self.task, np.array(changed, np.int64))
+
+    def _decide_all(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, divided over the threads."""
         given = self.worlds, self.episodes, self.task
         if self._pool is None or len(rows) < 2 * self._chunks:
@@ -350,45 +395,6 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     def _info(self, present: npt.NDArray[np.bool_]) -> dict[str, Any]:
         """Return what ``reset`` and ``step`` have in common of ``info``."""
-        values = self.episodes.values[:, :27].copy()
-        info: dict[str, Any] = {
-            "seed": self.seeds.copy(),
-            "vehicles": self.vehicles.copy(),
-            "speed_m_s": values[:, 24].copy(),
-            "indicators": values,
-            "way": self._no_words,
-        }
-        if self._masked:
-            info["action_mask"] = self.action_masks()
-        return info | {f"_{name}": present for name in info}
-
-    def _outcome(
-        self,
-        present: npt.NDArray[np.bool_],
-        proposed: npt.NDArray[np.int64],
-        executed: npt.NDArray[np.int64],
-        rules: npt.NDArray[np.int64],
-    ) -> dict[str, Any]:
-        """Return what only a step has in ``info``."""
-        kind, other = self.episodes.collision.T
-        hits = kind != NO_CONTACT
-        names = self._no_words
-        if hits.any():
-            names = names.copy()
-            for row in np.flatnonzero(hits & (other > 0)).tolist():
-                names[row] = f"vehicle{other[row]}"
-        r_v, r_y, r_x = self.episodes.terms.T.copy()
-        marks = {f"_{name}": present for name in ("r_v", "r_y", "r_x")}
-        info: dict[str, Any] = {
-            "is_success": self._over & ~hits,
-            "mean_speed_m_s": self.episodes.sums[:, 0] / np.maximum(self.episodes.decisions, 1),
-            "ego_hit": EGO_HITS[kind],
-            "safety_triggers": self.episodes.sums[:, 1].astype(np.int64),
-            "proposed_action": proposed,
-            "executed_action": executed,
-            "rule": RULE_WORDS[rules],
-            "rewards": {"r_v": r_v, "r_y": r_y, "r_x": r_x} | marks,
-            "collision": COLLISION_WORDS[kind],
-            "collided_with": names,
-        }
-        return info | {f"_{name}": present for name in info}
+        found = {"seed": self.seeds.copy(), "vehicles": self.vehicles.copy()}
+        mask = self.action_masks() if self._masked else None
+        return marked(found | common_info(self.episodes, self.ways, mask), present)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import borrowing, numbers
+from drl_av.compiled import borrowing, compiled, numbers
 from drl_av.config import Config, SafetyConfig
 from drl_av.driving.actions import (
     ACCELERATE,
@@ -17,6 +17,7 @@ from drl_av.driving.actions import (
     RIGHT,
     SIGNS,
     Action,
+    EgoNumbers,
     Longitudinal,
     ego_numbers,
 )
@@ -32,8 +33,9 @@ from drl_av.driving.affordances import (
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import Vehicles
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdict, Verdicts, WholeCheck
-from drl_av.safety.reachability import StrictNumbers
+from drl_av.safety.reachability import Ground, StrictNumbers
 from drl_av.safety.strict import strict_verdicts
 
 
@@ -215,16 +217,40 @@ class PaperBeforeLaneEnds(Paper):
         values, codes, ground, *_ = scene.indicators
         if not len(ground[2]):
             return super().verdicts(scene)
-        shot, lanes = scene.snapshot, scene.lanes
-        found, alone = (Verdicts(*np.empty((2, 12), np.int64)) for _ in range(2))
-        vehicles = codes.copy()
-        if codes[0] >= len(shot.ids):  # the end of the lane
-            vehicles[0] = NO_VEHICLE
-        paper_verdicts.fast(values, vehicles, *lanes, self._config, *found)
-        around = lanes, (*ground, values[FRONT]), self._strict, self._ego
-        ego = tuple(each[:1] for each in shot.arrays)
-        strict_verdicts.fast(ego, codes, *around, *alone)
-        executed = alone.executed[found.executed]
-        rules = found.rules | alone.rules[found.executed]
-        rules[executed == np.arange(12)] = 0
-        return Verdicts(executed, rules)
+        found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
+        around = scene.lanes, (*ground, values[FRONT])
+        settings = self._config, self._strict, self._ego
+        before_lane_ends.fast(scene.snapshot.arrays, values, codes, *around, *settings, *found)
+        return found
+
+
+@compiled
+def before_lane_ends(
+    scene: Vehicles,
+    values: FloatArray,
+    codes: IntArray,
+    lanes: tuple[int, int],
+    ground: Ground,
+    safety: SafetyNumbers,
+    strict: StrictNumbers,
+    ego: EgoNumbers,
+    executed: IntArray,
+    rules: IntArray,
+) -> None:
+    """Compute the verdicts of ``PaperBeforeLaneEnds`` on all 12 actions of one scene.
+
+    The arguments are those of ``paper_verdicts`` and of ``strict_verdicts``.
+    """
+    ahead = codes[0]
+    if ahead >= len(scene[0]):  # the end of the lane
+        codes[0] = NO_VEHICLE
+    paper_verdicts(values, codes, lanes[0], lanes[1], safety, executed, rules)
+    codes[0] = ahead
+    s_m, y_m, speed, lateral, length_m, width_m = scene
+    alone = s_m[:1], y_m[:1], speed[:1], lateral[:1], length_m[:1], width_m[:1]
+    instead, why = np.empty(12, np.int64), np.empty(12, np.int64)
+    strict_verdicts(alone, codes, lanes, ground, strict, ego, instead, why)
+    for action in range(12):
+        going = executed[action]
+        executed[action] = instead[going]
+        rules[action] = 0 if instead[going] == action else rules[action] | why[going]

@@ -60,7 +60,7 @@ class Fleet:
     def __init__(self, scenario: Scenario, config: Config) -> None:
         require_speed_limit(config, scenario.description, bool(scenario.road.speed_limits))
         require_truck_width(config, scenario.description)
-        self.scenario, self._config, self._start = scenario, config, scenario.layout.start
+        self.scenario, self.config, self._start = scenario, config, scenario.layout.start
         self._road, self._size_of = scenario.road, scenario.vehicle_types.by_id
         if self._start is not None and self.placed is None:
             require_reachable(scenario.road, self._start, config.ego)
@@ -71,7 +71,7 @@ class Fleet:
 
     def _require_room(self, start: OpenStart) -> None:
         """Raise ScenarioError if the inflow means more vehicles than may start on an open road."""
-        usual = vehicles_of_flow(start, self._config.traffic)
+        usual = vehicles_of_flow(start, self.config.traffic)
         if usual > self.capacity:
             flow_per_h = start.flow_per_h * self.capacity // usual
             raise ScenarioError(
@@ -83,7 +83,7 @@ class Fleet:
     @property
     def capacity(self) -> int:
         """Largest number of vehicles besides the ego that may start at random positions."""
-        traffic = self._config.traffic
+        traffic = self.config.traffic
         length_m = traffic.longest_m(self.scenario.description.vehicle_length_m)
         if self._start is not None:
             return open_capacity(self._start, length_m, traffic.start_gap_m) - 1
@@ -105,7 +105,7 @@ class Fleet:
         """
         if self._start is None or self.placed is not None:
             return self.placed
-        return vehicles_of_flow(self._start, self._config.traffic)
+        return vehicles_of_flow(self._start, self.config.traffic)
 
     def draw(self, seed: int, vehicles: int) -> None:
         """Draw the vehicles of an episode from its seed: the ego and ``vehicles`` others.
@@ -116,7 +116,7 @@ class Fleet:
             ScenarioError: the vehicles do not fit on the road, or the placed ones lack the ego.
         """
         rng, description = np.random.default_rng(seed), self.scenario.description
-        config, length_m, start = self._config, description.vehicle_length_m, self._start
+        config, length_m, start = self.config, description.vehicle_length_m, self._start
         self._inflow = None
         self._types: Iterator[str] = chain(["ego"], repeat("traffic"))
         if description.vehicle_types:
@@ -268,7 +268,7 @@ class Fleet:
 
     def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
         """Return the lengths and the widths of vehicles, metres, shape (2, n)."""
-        types, traffic = self._size_of, self._config.traffic
+        types, traffic = self._size_of, self.config.traffic
         truck_m = traffic.truck_length_m, traffic.truck_width_m
         sizes_m = [
             truck_m if truck else (types[name].length_m, types[name].width_m)

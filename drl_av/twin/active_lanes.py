@@ -1,8 +1,8 @@
 """The order in which SUMO lets the edges change lanes: that of its list of lanes with vehicles.
 
-A strip is one lane of one edge, numbered ``rank * lanes + lane`` with the rank of the edge. SUMO puts a strip in front of its
-list when a vehicle enters it empty, and takes it off when it is empty after a step. Sets of strips
-are whole numbers with a bit for each.
+A strip is one lane of one edge, numbered ``rank * lanes + lane`` with the rank of the edge. SUMO
+puts a strip in front of its list when a vehicle enters it empty, and takes it off when it is empty
+after a step. Sets of strips are whole numbers with a bit for each.
 """
 
 from drl_av.compiled import inlined

@@ -1,0 +1,74 @@
+"""Worlds of an open road: the vehicles that enter and leave them, and the routes of the egos."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drl_av.config import Config
+from drl_av.driving.affordances import Indicators
+from drl_av.env.route_outcome import RouteOutcome
+from drl_av.scenarios.folder import Scenario
+from drl_av.simulation.fleet import Fleet
+from drl_av.simulation.population import Population
+from drl_av.twin.commands import REQUEST_STEPS, request_change
+from drl_av.twin.following import STEP_S
+from drl_av.twin.traffic import Drawn, add_vehicles, keep_vehicles
+from drl_av.twin.worlds import COUNT, FRONT_M, STEP, FloatArray, Net, World
+
+NO_EVENTS = np.empty((0, 3), np.int64)
+
+
+def request_random_changes(world: World, net: Net, fleet: Fleet, y_m: FloatArray) -> None:
+    """Request the random lane changes of the next decision; ``y_m`` is each vehicle's."""
+    for row, side in fleet.lane_changes(0.0, y_m[: len(fleet.ids)].tolist()):
+        request_change(world, net, row, side, REQUEST_STEPS)
+
+
+def leaving_and_entering(
+    world: World, fleet: Fleet, scene: FloatArray
+) -> tuple[Sequence[int], Sequence[Population]] | None:
+    """Return what ``Fleet.update_open_road`` returns after a decision in a world."""
+    state, time_s = scene[:3, : len(fleet.ids)].tolist(), float(world.near[STEP] * STEP_S)
+    return fleet.update_open_road(time_s, *state)
+
+
+def exchange_vehicles(
+    world: World, net: Net, fleet: Fleet, kept: Sequence[int], entering: Sequence[Population]
+) -> None:
+    """Remove the vehicles that have left an open road, and add those that enter it.
+
+    As in SUMO, those that have left drive on to the end of the road, in the rows behind the others.
+    """
+    end_m = net.begins_m[-1] + net.lengths_m[-1]
+    left = sorted({*range(world.near[COUNT])} - {*kept})
+    left = [row for row in left if world.x[FRONT_M, row] < end_m]
+    keep_vehicles(world, net, [*kept, *left])
+    for vehicle in entering:
+        add_vehicles(world, net, vehicle, np.zeros(1, np.int64), fleet.scenario, fleet.config)
+    rows, gone = np.arange(world.near[COUNT]), len(kept) + np.arange(len(left))
+    keep_vehicles(world, net, [*np.delete(rows, gone), *gone])
+
+
+class OpenWorlds:
+    """The traffic of the worlds of an open road, and the routes of their egos."""
+
+    def __init__(self, scenario: Scenario, config: Config) -> None:
+        self._scenario = scenario
+        self._routes: dict[int, RouteOutcome] = {}
+        self.fleets: dict[int, Fleet] = {}
+        """The vehicles of each world."""
+        self.default_vehicle_count = Fleet(scenario, config).default_vehicle_count
+
+    def draw(self, row: int, seed: int, vehicles: int, config: Config) -> Drawn:
+        """Draw the traffic of an episode in a world."""
+        fleet = self.fleets[row] = Fleet(self._scenario, config)
+        fleet.draw(seed, vehicles)
+        return Drawn(config, fleet.population, fleet.driver_models, NO_EVENTS)
+
+    def begin(self, row: int, start: Indicators) -> None:
+        """Begin the route of the ego in a world, whose first indicators are ``start``."""
+        self._routes[row] = RouteOutcome(self._scenario.road, start)
+
+    def way(self, row: int, now: Indicators, over: bool) -> str:
+        """Return the outcome of the ego's route in a world after a decision."""
+        return self._routes[row].outcome(now, over)

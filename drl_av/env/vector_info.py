@@ -1,0 +1,73 @@
+"""The ``info`` of many worlds at once, with the names and meanings of ``HighwayEnv``."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.env.route_outcome import COMPLETE
+from drl_av.env.twin_episodes import Episodes
+from drl_av.road.sweep import KINDS, NO_CONTACT
+from drl_av.safety.check import RULES
+
+Flags = npt.NDArray[np.bool_]
+Words = npt.NDArray[Any]
+Numbers = npt.NDArray[np.int64]
+RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
+COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
+"""By number; -1, no collision, is the last."""
+EGO_HITS = np.array([*(kind.ego_hit for kind in KINDS), False])
+
+
+def marked(info: dict[str, Any], present: Flags) -> dict[str, Any]:
+    """Return ``info`` and, as gymnasium's vector environments do, which worlds have each entry."""
+    return info | {f"_{name}": present for name in info}
+
+
+def common_info(
+    episodes: Episodes, ways: Words, action_mask: npt.NDArray[np.int8] | None
+) -> dict[str, Any]:
+    """Return the present scenes' part of ``info``; ``ways`` are the outcomes of the routes."""
+    values = episodes.values[:, :27].copy()
+    info = {"speed_m_s": values[:, 24].copy(), "indicators": values, "way": ways.copy()}
+    return info if action_mask is None else info | {"action_mask": action_mask}
+
+
+def step_info(
+    episodes: Episodes,
+    over: Flags,
+    ways: Words,
+    decided: tuple[Numbers, Numbers, Numbers],
+    ids: Callable[[int], Sequence[str]],
+    present: Flags,
+) -> dict[str, Any]:
+    """Return what only a step has in ``info``.
+
+    Args:
+        episodes: The episodes after the decisions.
+        over: Which of them are over, shape (worlds,).
+        ways: The outcomes of the egos' routes.
+        decided: The numbers of the proposed and of the executed actions, and the rules.
+        ids: Returns the names of the vehicles in a world.
+        present: Which worlds have made a decision.
+    """
+    kind, other = episodes.collision.T
+    hits, names = kind != NO_CONTACT, np.full(len(kind), "", dtype=object)
+    for row in np.flatnonzero(hits & (other > 0)).tolist():
+        names[row] = ids(row)[other[row]]
+    proposed, executed, rules = decided
+    r_v, r_y, r_x = episodes.terms.T.copy()
+    info: dict[str, Any] = {
+        "is_success": over & ~hits & np.isin(ways, ("", *COMPLETE)),
+        "mean_speed_m_s": episodes.sums[:, 0] / np.maximum(episodes.decisions, 1),
+        "ego_hit": EGO_HITS[kind],
+        "safety_triggers": episodes.sums[:, 1].astype(np.int64),
+        "proposed_action": proposed,
+        "executed_action": executed,
+        "rule": RULE_WORDS[rules],
+        "rewards": marked({"r_v": r_v, "r_y": r_y, "r_x": r_x}, present),
+        "collision": COLLISION_WORDS[kind],
+        "collided_with": names,
+    }
+    return marked(info, present)
