@@ -15,6 +15,7 @@ from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import Drawn, add_vehicles, keep_vehicles
 from drl_av.twin.worlds import COUNT, FRONT_M, STEP, FloatArray, Net, World
 
+NO_FORKS = "The twin copies episodes on a loop only: take a loop."
 NO_EVENTS = np.empty((0, 3), np.int64)
 
 

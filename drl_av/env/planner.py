@@ -20,6 +20,7 @@ from drl_av.driving.actions import ACTIONS, HARD_BRAKE, Action
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.fork import place_ego
+from drl_av.env.open_worlds import NO_FORKS
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import most_probable_actions
@@ -176,6 +177,8 @@ class PlannerDriver(Driver):
             self._twin = TwinVectorEnv(
                 config=config, action_mask=False, autoreset_mode=AutoresetMode.DISABLED
             )
+            if not self._twin.road.is_loop:
+                raise ConfigError(NO_FORKS)
         except ConfigError as error:
             raise ConfigError(
                 f"The planner tries its actions in the twin. {error} Or name another driver."

@@ -20,6 +20,7 @@ from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.open_worlds import (
+    NO_FORKS,
     OpenWorlds,
     exchange_vehicles,
     leaving_and_entering,
@@ -223,7 +224,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             ConfigError: the road is open.
         """
         if self._open is not None:
-            raise ConfigError("An episode on an open road has no forks: take a loop.")
+            raise ConfigError(NO_FORKS)
         if self._over[world]:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         fork, decisions = copy(self), int(self.episodes.decisions[world])

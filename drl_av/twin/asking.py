@@ -15,6 +15,7 @@ from drl_av.twin.following import (
 from drl_av.twin.lateral_room import LEFT_SPACE
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
+    ACCELERATION_NOW_M_S2,
     ADVICE_M_S,
     ASKED_BY_LEFTWARD,
     ASKED_BY_RIGHTWARD,
@@ -33,6 +34,9 @@ from drl_av.twin.worlds import (
 
 CONGESTED_M_S = 60.0 / 3.6
 HELP_M_S = 10.0 / 3.6
+LONGEST_RAMP_M, FAST_M_S = 200.0, 27.0
+"""A slower vehicle with less room ahead, as on an on-ramp, does not ask faster ones to slow down for
+a change to the left."""
 FALL_BEHIND_M_S = 7.0 / 3.6
 
 
@@ -82,7 +86,8 @@ def inform_leader(
     speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
     planned = min(speed, stop_speed(world, i), world.x[ADVICE_M_S, i])
     asked = ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD
-    if blocked & BLOCKED_BY_LEADER:
+    falls_back = i == 0 and world.x[ACCELERATION_NOW_M_S2, i] < 0.0  # found by experiment
+    if blocked & BLOCKED_BY_LEADER and not (falls_back and blocked & BLOCKED_BY_FOLLOWER):
         faster = planned - its
         length_m = world.x[LENGTH_M, i]
         past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
@@ -170,7 +175,8 @@ def inform_follower(
         inform(world, j, max(slowed, HELP_M_S), asked)
     else:
         helped = max(its, speed + HELP_M_S)
-        if its > speed:  # also to the left: the way ahead is longer than a ramp
+        is_ramp = world.notes[LEFT_SPACE] <= LONGEST_RAMP_M and planned <= FAST_M_S
+        if its > speed and not (side > 0 and is_ramp):
             helped = max(slowed, speed + HELP_M_S)
             if (its - speed) / braking < seconds:
                 inform(world, j, helped, asked)

@@ -47,6 +47,7 @@ from drl_av.twin.worlds import (
     LATERAL_SPEED_M_S,
     LEFT,
     LENGTH_M,
+    LOOK_AHEAD_M_S,
     MANEUVER_M,
     MASK,
     ON_REQUEST_ONLY,
@@ -97,7 +98,7 @@ def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
                 break
             if i == 0:
                 if not net.is_loop:
-                    ask_for_ego(world, net, k)
+                    ask_for_ego(world, net, k, ego_y_m)
                 place_ego(world, net, ego_y_m)
             elif needs_thought(world, net, k):
                 change_lane(world, net, k)
@@ -215,27 +216,41 @@ def look_behind(world: World, net: Net, k: int) -> None:
 
 
 @borrowing
-def ask_for_ego(world: World, net: Net, k: int) -> None:
+def ask_for_ego(world: World, net: Net, k: int, y_m: float) -> None:
     """Ask others for room for the ego's next mandatory lane change, as SUMO does in its name.
 
     SUMO cancels the lane change itself, because we drive the ego.
     """
-    x, lane, at_m = world.x, world.z[LANE, 0], world.x[FRONT_M, 0]
-    changes, within_m = mandatory_change(lane, at_m, net.road)
-    changes = max(changes, net.first_lanes[world.z[EDGE, 0]] - lane)
-    side = 1 if changes > 0 else -1
-    if changes == 0 or not is_beside(lane, lane + side, at_m, net.road):
+    x, lane, edge, at_m = world.x, world.z[LANE, 0], world.z[EDGE, 0], world.x[FRONT_M, 0]
+    sides = int(is_seen(net, edge, lane - 1)) + int(is_seen(net, edge, lane + 1))
+    if sides == 0:
         return
-    speed, count = x[SPEED_M_S, 0], abs(changes)
-    ahead_s = LOOK_AHEAD_S * (2.0 if side > 0 else 1.0)
-    if within_m / count >= speed * ahead_s + 2.0 * (x[LENGTH_M, 0] + MIN_GAP_M):
+    speed = x[SPEED_M_S, 0]
+    look_ahead = smoothed(x[LOOK_AHEAD_M_S, 0], speed)
+    x[LOOK_AHEAD_M_S, 0] = look_ahead
+    for _ in range(sides):
+        x[LOOK_AHEAD_M_S, 0] = smoothed(x[LOOK_AHEAD_M_S, 0], speed)
+    changes, within_m = mandatory_change(lane, at_m, net.road)
+    changes = max(changes, net.first_lanes[edge] - lane)
+    side = 1 if changes > 0 else -1
+    moves_aside = y_m != lane * net.lane_m + x[ASIDE_M, 0]
+    if changes == 0 or moves_aside or not is_beside(lane, lane + side, at_m, net.road):
+        return
+    count, ahead_s = abs(changes), LOOK_AHEAD_S * (2.0 if side > 0 else 1.0)
+    if within_m / count >= look_ahead * ahead_s + 2.0 * (x[LENGTH_M, 0] + MIN_GAP_M):
         return
     look_around(world, net, k)
     look_behind(world, net, k)
     world.notes[LEFT_SPACE] = within_m
     world.notes[MOVE] = lane_side_distance(x[WIDTH_M, 0], x[ASIDE_M, 0], side, net.lane_m)
-    seconds = max(STEP_S, within_m / max(speed, EPS) / count / URGENCY)
+    seconds = max(STEP_S, within_m / max(look_ahead, EPS) / count / URGENCY)
     ask_for_room(world, net, 0, side, seconds)
+
+
+@inlined
+def smoothed(before: float, speed: float) -> float:
+    """Return SL2015's look-ahead speed after considering a lane; it follows a fall of the speed."""
+    return speed if speed > before else 0.9 * before + 0.1 * speed
 
 
 @inlined

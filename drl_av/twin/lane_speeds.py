@@ -192,7 +192,7 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
         return True
     if z[REQUEST_END, i] >= world.near[STEP] or x[THRESHOLD_LEFT, i] != math.inf:
         return True
-    if (world.near[STEP] + i) % TRACK_STEPS == 0:
+    if (world.near[STEP] + i) % TRACK_STEPS == 0 or not net.is_loop:
         track(world, net, k)
     own, speed = z[LANE, i], x[SPEED_M_S, i]
     follows = own < net.last_open and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
@@ -210,12 +210,12 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
     if not tracks:
         return False
     if is_new:
-        for lane in range(net.first_open, own + 1):
+        for lane in range(net.first_seen[edge], own + 1):
             j, rear_m = leader(world, net, k, lane, seen_m)
             gap_m = rear_m - MIN_GAP_M if j >= 0 else net.routes_m[edge] - pos_m
             expect(world, i, lane, promised_speed(world, i, j, gap_m))
     z[TRACKED, i] = world.near[STEP]
-    for lane in range(net.first_open, own):
+    for lane in range(net.first_seen[edge], own):
         its = x[EXPECTED_M_S + lane, i]
         if its - x[EXPECTED_M_S + own, i] > GAIN_SEEN * max(its, SLOW_M_S):
             j, rear_m = leader(world, net, k, own - 1, seen_m)

@@ -19,7 +19,8 @@ IntArray = npt.NDArray[np.int64]
 FRONT_M, SPEED_M_S, ACCELERATION_NOW_M_S2, ASIDE_M, LATERAL_SPEED_M_S, LENGTH_M = range(6)
 WIDTH_M, DESIRED_M_S, HEADWAY_S, ACCELERATION_M_S2, THRESHOLD_LEFT = range(6, 11)
 THRESHOLD_RIGHT, WISH_M_S2, CHOSEN_M_S, REQUESTED_M_S, MANEUVER_M, COMMANDED_M = range(11, 17)
-GAIN_LEFT, GAIN_RIGHT, ADVICE_M_S, NEXT_M_S, GAP_M, ITS_M_S, EXPECTED_M_S = range(17, 24)
+GAIN_LEFT, GAIN_RIGHT, ADVICE_M_S, NEXT_M_S, GAP_M, ITS_M_S, LOOK_AHEAD_M_S = range(17, 24)
+EXPECTED_M_S = 24
 """The rows of ``x``.
 
 ``FRONT_M`` is the position of the front bumper in [0, lap), ``ASIDE_M`` the offset of the body's
@@ -33,8 +34,9 @@ the right. ``WISH_M_S2`` is the acceleration that a driver of ours wants, nan if
 is the lateral distance left of the lane change in progress, ``COMMANDED_M`` the same of one that
 was requested.
 ``GAIN_LEFT`` and ``GAIN_RIGHT`` are SL2015's memory of faster lanes, and the rows from
-``EXPECTED_M_S`` on, one a lane, the speeds that it expects there. ``NEXT_M_S``, ``GAP_M`` and
-``ITS_M_S`` are scratch (``step.see_ahead``).
+``EXPECTED_M_S`` on, one a lane, the speeds that it expects there. ``LOOK_AHEAD_M_S`` is, for the
+ego only, the smoothed speed by which SUMO judges how urgent a mandatory lane change is.
+``NEXT_M_S``, ``GAP_M`` and ``ITS_M_S`` are scratch (``step.see_ahead``).
 """
 
 LANE, SHADOW, RESERVED, ON_REQUEST_ONLY, REQUEST_LANE, REQUEST_END, STATE = range(7)
