@@ -233,6 +233,7 @@ def advance(
             return HIT_EDGE, 0
     sumo_step(world, net, speed_m_s, y_m)
     read_scene(world, net, scene)
+    world.x[LATERAL_SPEED_M_S, 0] = lateral_speed_m_s
     scene[3, 0] = lateral_speed_m_s
     moved, bodies = (scene[0][:n], scene[1][:n]), (scene[4][:n], scene[5][:n])
     row, kind, _ = swept_collision(before[0][:n], before[1][:n], *moved, *bodies, net.lap_m)

@@ -111,9 +111,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self.vehicles = np.zeros(count, np.int64)
         """The vehicles besides the ego in each world."""
         self._over = np.ones(count, np.bool_)
-        self._rows, self._no_words = np.arange(count), np.full(count, "", dtype=object)
-        self._no_words.setflags(write=False)
-        self.ways = self._no_words.copy()
+        self._rows, self.ways = np.arange(count), np.full(count, "", dtype=object)
         """The outcome of each ego's route."""
         self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
         self._pool = ThreadPoolExecutor(self._chunks) if self._chunks > 1 else None

@@ -35,8 +35,8 @@ from drl_av.twin.worlds import (
 CONGESTED_M_S = 60.0 / 3.6
 HELP_M_S = 10.0 / 3.6
 LONGEST_RAMP_M, FAST_M_S = 200.0, 27.0
-"""A slower vehicle with less room ahead, as on an on-ramp, does not ask faster ones to slow down for
-a change to the left."""
+"""A slower vehicle with less room ahead, as on an on-ramp, does not ask faster ones to slow down
+for a change to the left."""
 FALL_BEHIND_M_S = 7.0 / 3.6
 
 

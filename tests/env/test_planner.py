@@ -14,7 +14,7 @@ from drl_av.driving.actions import RIGHT as TO_RIGHT
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.planner import GUESSES, Beliefs, PlannerDriver
 from drl_av.errors import ConfigError, DrlAvWarning
-from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 
 STRICT = Config().updated("safety", check="strict")
 NOTHING = np.zeros(0, np.float32)
@@ -134,6 +134,6 @@ def test_under_another_check_it_warns_as_its_base_policy_does() -> None:
 
 
 def test_roads_that_the_twin_lacks_are_refused_in_a_sentence() -> None:
-    merge = Config().updated("simulation", scenario="merge").updated("safety", check="strict")
-    with pytest.raises(ConfigError, match=r"The planner tries its actions in the twin.*open roads"):
+    merge = with_scenario(Config(), "merge").updated("safety", check="strict")
+    with pytest.raises(ConfigError, match=r"The planner tries its actions in the twin.*loop only"):
         load_driver("planner", merge)

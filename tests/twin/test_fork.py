@@ -189,7 +189,7 @@ def test_what_cannot_be_copied_is_refused() -> None:
         env.fork(2)
     with closing(HighwayEnv("merge")) as env:
         env.reset(seed=1)
-        with pytest.raises(ConfigError, match="The twin does not know open roads"):
+        with pytest.raises(ConfigError, match="copies episodes on a loop only"):
             env.fork(2)
     with closing(HighwayEnv(reward=lambda made: 0.0)) as env:
         env.reset(seed=1)

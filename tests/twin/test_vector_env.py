@@ -99,7 +99,6 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"scenario": "merge"}, "open roads"),
         ({"scenario": "barricade"}, "places exactly"),
         ({"config": Config().updated("simulation", step_length_s=0.25)}, "step_length_s"),
         ({"safety_check": lambda scene, proposed: None}, "named checks"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nets import A10, EAST
 from programs import python
 
 import drl_av
@@ -125,8 +126,11 @@ def test_drivers_of_sumo_are_refused(driver: str) -> None:
 def test_what_the_twin_cannot_do_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(ConfigError, match="The twin does not know open roads: drive in SUMO"):
-        HighwayEnv("merge", config=TWIN)
+    folder = tmp_path / "a10"
+    way = ["--net", str(A10), "--from-edge", EAST[0], "--to-edge", EAST[1]]
+    assert main(["scenario", str(folder), "--kind", "imported", *way]) == 0
+    with pytest.raises(ConfigError, match=r"The twin does not know imported roads.*drive in SUMO"):
+        HighwayEnv(folder, config=TWIN)
     for given in ({"render_mode": "human"}, {"sumo_options": "--fcd-output fcd.xml"}):
         with pytest.raises(ConfigError, match="The twin has neither sumo-gui nor options of SUMO"):
             HighwayEnv(config=TWIN, **given)  # type: ignore[arg-type]

@@ -1,0 +1,191 @@
+"""The twin on open roads: the traffic of SUMO, which enters and leaves, and makes room for the ego.
+
+On the merge road the traffic's edges begin at 0, 500 and 750 m; lane 0 is the ramp, which exists on
+the second of them only.
+"""
+
+import math
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from drl_av.config import Config
+from drl_av.drivers.registry import load_driver
+from drl_av.env.highway import HighwayEnv
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.twin.commands import request_change
+from drl_av.twin.following import EPS, krauss_speed
+from drl_av.twin.lane_speeds import expect_anew
+from drl_av.twin.lateral_room import request_of
+from drl_av.twin.neighbors import edge_of, next_edge
+from drl_av.twin.traffic import add_vehicles, keep_vehicles, net_of, place_vehicles, routes_of
+from drl_av.twin.worlds import (
+    COUNT,
+    DESIRED_M_S,
+    EDGE,
+    EXPECTED_M_S,
+    FRONT_M,
+    LANE,
+    ORDER,
+    Net,
+    World,
+    empty_worlds,
+)
+
+CALM = Config().with_traffic("calm")
+# seed 12 on the merge road: the ego asks for room until it has stopped, and others let it in
+
+
+@pytest.mark.parametrize(
+    ("road", "traffic", "seed", "decisions"),
+    [
+        ("straight", "calm", 7, 95),
+        ("straight", "overtaking", 16, 98),
+        ("merge", "calm", 12, 75),
+        ("merge", "overtaking", 24, 44),
+        ("exit", "calm", 4, 50),
+        ("ramp_to_ramp", "calm", 13, 68),
+    ],
+)
+def test_an_episode_is_the_same_as_in_sumo(
+    road: str, traffic: str, seed: int, decisions: int
+) -> None:
+    config, driver = Config().with_traffic(traffic), load_driver("gap-mobil")
+    twin = HighwayEnv(road, "paper", config.updated("simulation", world="twin"))
+    with closing(HighwayEnv(road, "paper", config)) as sumo:
+        sumo.reset(seed=seed)
+        twin.reset(seed=seed)
+        over, made = False, 0
+        while not over:
+            action = driver.act(sumo.scene, sumo.observation).number
+            seen, reward, *ends, info = sumo.step(action)
+            seen_there, reward_there, *ends_there, there = twin.step(action)
+            assert seen_there == pytest.approx(seen, abs=1e-5), made
+            assert reward_there == pytest.approx(reward, abs=1e-5)
+            assert twin.scene.snapshot.ids == sumo.scene.snapshot.ids
+            assert ends_there == ends
+            assert there["way"] == info["way"]
+            over, made = any(ends), made + 1
+    assert made == decisions
+
+
+@pytest.mark.parametrize("road", ["straight", "merge", "exit", "ramp_to_ramp"])
+def test_many_worlds_drive_as_one(road: str) -> None:
+    many = TwinVectorEnv(3, road, "paper", CALM)
+    one = HighwayEnv(road, "paper", CALM.updated("simulation", world="twin"), action_mask=True)
+    many.reset(seed=5)
+    _, info = one.reset(seed=6)  # the second of the three
+    draws, entered = np.random.default_rng(0), set(one.scene.snapshot.ids)
+    for _ in range(60):
+        actions = draws.integers(0, 12, 3)
+        if info["action_mask"][1]:
+            actions[1] = 1
+        seen, rewards, *all_ends, infos = many.step(actions)
+        seen_there, reward, *ends, info = one.step(int(actions[1]))
+        assert seen[1] == pytest.approx(seen_there)
+        assert rewards[1] == pytest.approx(reward)
+        assert [bool(end[1]) for end in all_ends] == ends
+        for name in ("vehicles", "way", "is_success", "rule", "collided_with", "action_mask"):
+            assert np.array_equal(infos[name][1], info[name]), name
+        assert many.scene(1).snapshot.ids == one.scene.snapshot.ids
+        entered |= set(one.scene.snapshot.ids)
+        if any(ends):
+            break
+    assert len(entered) > len(one.scene.snapshot.ids)  # some have left
+
+
+@pytest.fixture(scope="module")
+def net() -> Net:
+    return net_of(load_scenario(find_scenario("merge")), CALM)
+
+
+def test_the_edges_of_a_road_are_those_of_its_network(net: Net) -> None:
+    assert net.begins_m.tolist() == [0.0, 500.0, 750.0]
+    assert net.lengths_m.tolist() == [500.0, 250.0, 1000.0]
+    assert net.first_lanes.tolist() == [1, 0, 1]
+    assert [edge_of(at_m, net) for at_m in (0.0, 499.9, 500.0, 750.0, 5000.0)] == [0, 0, 1, 2, 2]
+    assert [next_edge(edge, net) for edge in range(3)] == [1, 2, -1]
+    assert net.by_rank.tolist() == [2, 0, 1]  # after, before, beside
+
+
+def test_sumo_regards_the_rest_of_the_route_as_far_as_it_needs_to() -> None:
+    assert routes_of(np.full(7, 400.0), False).tolist() == [2800, 2400, 2000, 1600, 1200, 800, 400]
+    # 3 edges make 3000 m, but it regards at least 5
+    assert routes_of(np.full(8, 1000.0), False).tolist()[:5] == [5000, 5000, 5000, 5000, 4000]
+    assert routes_of(np.full(4, 125.0), True).tolist() == [3000] * 4
+
+
+def test_the_ego_could_stop_in_whole_steps() -> None:
+    # 20, 18, ..., 2 m/s for half a second each after 0.5 s at 20 m/s: 10 + 0.5 * 90 = 55 m
+    assert krauss_speed(30.0, 55.0 + EPS, 0.0, 0.5) == pytest.approx(20.0)
+    # another 1.5 s at 20 m/s are 30 m
+    assert krauss_speed(30.0, 75.0 + EPS, 0.0, 1.5) == pytest.approx(20.0)
+    # behind a vehicle that stops from 10 m/s in 0.5 * (8 + 6 + 4 + 2) = 10 m
+    assert krauss_speed(30.0, 45.0 + EPS, 10.0, 0.5) == pytest.approx(20.0)
+    assert krauss_speed(15.0, 55.0 + EPS, 0.0, 0.5) == 16.0  # it accelerates with 2 m/s^2 at most
+    assert krauss_speed(15.0, 0.0, 0.0, 0.5) == 0.0
+
+
+def placed(net: Net, vehicles: int = 5) -> World:
+    env = HighwayEnv("merge", config=CALM.updated("simulation", world="twin"))
+    env.reset(seed=1, options={"vehicles": vehicles})
+    fleet = env.simulation.fleet
+    world = World(*(array[0] for array in empty_worlds(1, 40, net.lanes)))
+    place_vehicles(world, net, fleet.population, fleet.driver_models, fleet.scenario, fleet.config)
+    return world
+
+
+def test_a_request_names_a_lane_as_its_edge_counts_them(net: Net) -> None:
+    world = placed(net)
+    world.z[EDGE, 1], world.z[LANE, 1] = 1, 2
+    request_change(world, net, 1, -1, 10)  # to lane 1, the second of this edge
+    assert request_of(world, net, 1) == -1
+    world.z[EDGE, 1] = 2  # where the second lane is lane 2: SUMO keeps it there
+    assert request_of(world, net, 1) == 2
+    world.z[LANE, 1] = 1
+    assert request_of(world, net, 1) == 1
+
+
+def test_on_an_edge_with_other_lanes_a_driver_expects_its_rightmost_lane_anew(net: Net) -> None:
+    world = placed(net)
+    expected = world.x[EXPECTED_M_S : EXPECTED_M_S + 4, 1]
+    desired = world.x[DESIRED_M_S, 1]
+    expected[:], world.z[EDGE, 1] = [9.0, 10.0, 11.0, 12.0], 1
+    expect_anew(world, net, 1)
+    assert expected.tolist() == [desired, 10.0, 11.0, 12.0]
+    expected[:], world.z[EDGE, 1] = [9.0, 10.0, 11.0, 12.0], 2  # without lane 0
+    expect_anew(world, net, 1)
+    assert expected.tolist() == [-1.0, desired, 11.0, 12.0]
+
+
+def test_vehicles_leave_and_enter(net: Net) -> None:
+    world = placed(net)
+    fronts_m = world.x[FRONT_M, :6].copy()
+    keep_vehicles(world, net, [0, 2, 5, 4])
+    assert world.near[COUNT] == 4
+    assert world.x[FRONT_M, :4].tolist() == fronts_m[[0, 2, 5, 4]].tolist()
+    assert world.x[FRONT_M, world.z[ORDER, :4]].tolist() == sorted(fronts_m[[0, 2, 5, 4]])[::-1]
+    env = HighwayEnv("merge", config=CALM.updated("simulation", world="twin"))
+    env.reset(seed=1, options={"vehicles": 5})
+    fleet = env.simulation.fleet
+    newcomer = fleet.population.rows([3])
+    add_vehicles(world, net, newcomer, np.zeros(1, np.int64), fleet.scenario, fleet.config)
+    assert world.near[COUNT] == 5
+    assert world.x[FRONT_M, 4] == newcomer.front_m[0]
+    assert sorted(world.z[ORDER, :5].tolist()) == [0, 1, 2, 3, 4]
+
+
+def test_a_lane_that_ends_is_braked_for_in_many_worlds_too() -> None:
+    many = TwinVectorEnv(2, "merge", "paper", CALM)
+    many.reset(seed=3)
+    stopped_m, hits = math.inf, 0
+    for _ in range(40):
+        *_, info = many.step(np.ones(2, np.int64))  # accelerate, on the ramp
+        hits += int((info["collision"] == "edge").sum())
+        scene = many.scene(0)
+        if scene.snapshot.speed_m_s[0] == 0.0:
+            stopped_m = min(stopped_m, float(scene.snapshot.s_m[0]) + 2.5)
+    assert hits == 0
+    assert 740.0 < stopped_m <= 750.0
