@@ -196,7 +196,7 @@ def change_lane(world: World, net: Net, k: int) -> None:
     world.x[COMMANDED_M, i] = world.x[MANEUVER_M, i] if world.z[STATE, i] & REQUESTED else 0.0
 
 
-@borrowing
+@inlined
 def look_behind(world: World, net: Net, k: int) -> None:
     """Note the vehicles behind the ``k``-th one, and the room beside it, before it decides."""
     notes, near, i = world.notes, world.near, world.z[ORDER, k]

@@ -66,7 +66,7 @@ def is_seen(net: Net, edge: int, lane: int) -> bool:
     return net.first_seen[edge] <= lane <= net.last_open
 
 
-@inlined
+@borrowing
 def expect_anew(world: World, net: Net, i: int) -> None:
     """Forget the expected speeds that SL2015 does not keep on an edge with other lanes."""
     x, first = world.x, net.first_lanes[world.z[EDGE, i]]

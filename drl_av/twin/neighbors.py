@@ -87,9 +87,8 @@ def leader(world: World, net: Net, k: int, lane: int, seen_m: float) -> tuple[in
 
 
 @inlined
-def edge_of(at_m: float, net: Net) -> int:
-    """Return the number of the SUMO edge at a position along the road."""
-    edge = 0
+def edge_of(at_m: float, net: Net, edge: int = 0) -> int:
+    """Return the number of the SUMO edge at a position, which is not before the edge ``edge``."""
     while edge < net.edges - 1 and at_m >= net.begins_m[edge + 1]:
         edge += 1
     return edge

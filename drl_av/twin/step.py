@@ -199,12 +199,16 @@ def move(world: World, net: Net) -> None:
         world.x[ACCELERATION_NOW_M_S2, i] = (speed - world.x[SPEED_M_S, i]) / STEP_S
         world.x[SPEED_M_S, i] = speed
         at_m = world.x[FRONT_M, i] + speed * STEP_S
-        at_m = at_m if at_m < net.lap_m else at_m - net.lap_m
-        world.x[FRONT_M, i] = at_m
         before = world.z[EDGE, i]
-        world.z[EDGE, i] = edge_of(at_m, net)
-        if net.first_lanes[world.z[EDGE, i]] != net.first_lanes[before]:
-            expect_anew(world, net, i)
+        edge = before
+        if at_m >= net.lap_m:
+            at_m, edge = at_m - net.lap_m, 0
+        world.x[FRONT_M, i] = at_m
+        edge = edge_of(at_m, net, edge)
+        if edge != before:
+            world.z[EDGE, i] = edge
+            if net.first_lanes[edge] != net.first_lanes[before]:
+                expect_anew(world, net, i)
         now = strip_of(world, net, i)
         present |= 1 << now
         if now == strip:
