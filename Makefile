@@ -107,6 +107,7 @@ results: setup
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
 	$(call text,twin_equality.txt,-m verification.twin_equality)
+	$(call text,twin_open_roads.txt,-m verification.twin_roads)
 	$(call text,sharper.txt,-m verification.sharper)
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv

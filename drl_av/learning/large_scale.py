@@ -28,6 +28,7 @@ from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.files import append_rows, table_bytes
+from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.worlds import COUNT, IntArray
 
 Float32Array = npt.NDArray[np.float32]
@@ -218,12 +219,17 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
     with the same versions. A training that is stopped leaves the policy of its last twentieth part.
 
     Raises:
-        ConfigError: ``simulation.world`` is not the twin.
+        ConfigError: ``simulation.world`` is not the twin, or the road is open.
         RunError: the folder exists and is not empty, or cannot be made.
         CheckpointError: the policy cannot be written.
     """
     if config.simulation.world != "twin":
         raise ConfigError('PPO at scale trains in the twin: set simulation.world = "twin".')
+    if not load_scenario(find_scenario(config.simulation.scenario)).road.is_loop:
+        raise ConfigError(
+            "PPO at scale trains on a loop, and does not see where lanes end: take a loop, or a "
+            "preset of Algorithm 1, with --world twin."
+        )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists already: choose another folder with --out.")
     settings, worlds = config.ppo, TwinWorlds(config, config.learning.seed)
