@@ -64,11 +64,10 @@ def _register_envs() -> None:
         kinds[f"drl_av/{name.title().replace('_To_', 'To')}-v0"] = kind
     for name, arguments in kinds.items():
         if name not in registry:
-            on_the_loop = name == "drl_av/Highway-v0"
             register(
                 name,
                 "drl_av.env:HighwayEnv",
-                vector_entry_point="drl_av.env.vector:TwinVectorEnv" if on_the_loop else None,
+                vector_entry_point="drl_av.env.vector:TwinVectorEnv",
                 kwargs={"action_mask": True, **arguments},
                 **_CHECKED,
             )

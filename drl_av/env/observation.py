@@ -13,12 +13,26 @@ import numpy.typing as npt
 from drl_av.config import ObservationConfig
 from drl_av.config.functions import require_function
 from drl_av.config.section import did_you_mean
-from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS, ROUTE_SCALE_M, SLOTS
+from drl_av.driving.affordances import (
+    ALLOWED,
+    CHANGES,
+    FRONT,
+    INDICATORS,
+    LANE,
+    LEFT_LANE,
+    RIGHT_LANE,
+    ROUTE_INDICATORS,
+    ROUTE_SCALE_M,
+    SLOTS,
+    WITHIN,
+    IntArray,
+)
 from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import MOST, WIDE_NAMES, WIDE_SIZE, observe_wide
 from drl_av.errors import ConfigError
+from drl_av.road.road import FloatArray
 
 FURTHER = ("right_lane", "left_lane", "lane_change", *ROUTE_INDICATORS, "allowed_speed")
 """Indicators that the paper does not have. ``right_lane`` and ``left_lane`` are 1 if that lane
@@ -81,6 +95,40 @@ class GroupObservation:
         )
         scaled = np.append(self._scale(affordances.vector()), np.array(further, np.float32))
         selected: npt.NDArray[np.float32] = scaled[self._places]
+        return selected
+
+    def of_worlds(
+        self,
+        scaled: npt.NDArray[np.float32],
+        values: FloatArray,
+        codes: IntArray,
+        lane_changes: IntArray,
+        barriers: FloatArray,
+    ) -> npt.NDArray[np.float32]:
+        """Return what the function returns for a scene, for many at once.
+
+        Args:
+            scaled: The 27 indicators as ``ObservationScale`` scales them, shape (worlds, 27).
+            values: Those of ``Indicators``, shape (worlds, 30).
+            codes: Likewise, shape (worlds, 10).
+            lane_changes: The direction of the lane change in progress or 0, shape (worlds,).
+            barriers: Those of the road, shape (barriers, 3).
+        """
+        if self.names == INDICATORS:
+            return scaled.copy()
+        scale = self._scale
+        center_m = codes[:, LANE, np.newaxis] * scale.road.lane_width_m
+        ahead_m = barriers[:, 0] - values[:, FRONT, np.newaxis]
+        is_end = (ahead_m >= 0) & (barriers[:, 1] < center_m) & (center_m < barriers[:, 2])
+        ends_m = np.where(is_end, ahead_m, scale.range_m).min(axis=1, initial=scale.range_m)
+        further = (
+            *(codes[:, RIGHT_LANE], codes[:, LEFT_LANE], lane_changes, ends_m / scale.range_m),
+            codes[:, CHANGES] / max(scale.lanes - 1, 1),
+            np.minimum(values[:, WITHIN] / ROUTE_SCALE_M, 1.0),
+            np.minimum(values[:, ALLOWED] / scale.max_speed_m_s, 1.0),
+        )
+        every = np.hstack((scaled, np.stack(further, axis=1).astype(np.float32)))
+        selected: npt.NDArray[np.float32] = every[:, self._places]
         return selected
 
     @cached_property
@@ -162,6 +210,23 @@ def observation_function(
     raise ConfigError(
         f"observation is {given!r}, but must be {WIDE}, names of groups ({', '.join(GROUPS)}), or "
         "an object with a gymnasium space as its attribute space that is called with a scene."
+    )
+
+
+def group_observation(
+    given: Sequence[str] | None, scale: ObservationScale, config: ObservationConfig
+) -> GroupObservation:
+    """Return the observation of the groups ``given``, or of those of ``config``.
+
+    Raises:
+        ConfigError: ``given`` does not name known groups of indicators.
+    """
+    found = observation_function(default_groups(config) if given is None else given, scale)
+    if isinstance(found, GroupObservation):
+        return found
+    raise ConfigError(
+        f"The vector environment observes groups of indicators only ({', '.join(GROUPS)}): name "
+        "some, or take gymnasium.make."
     )
 
 

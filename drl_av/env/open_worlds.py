@@ -7,6 +7,7 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.driving.affordances import Indicators
 from drl_av.env.route_outcome import RouteOutcome
+from drl_av.random_streams import kind_of_traffic
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.population import Population
@@ -60,8 +61,9 @@ class OpenWorlds:
         """The vehicles of each world."""
         self.default_vehicle_count = Fleet(scenario, config).default_vehicle_count
 
-    def draw(self, row: int, seed: int, vehicles: int, config: Config) -> Drawn:
-        """Draw the traffic of an episode in a world."""
+    def draw(self, row: int, seed: int, vehicles: int, kinds: Sequence[Config]) -> Drawn:
+        """Draw the traffic of an episode in a world, as ``draw_traffic`` does on a loop."""
+        config = kinds[kind_of_traffic(seed, len(kinds))]
         fleet = self.fleets[row] = Fleet(self._scenario, config)
         fleet.draw(seed, vehicles)
         return Drawn(config, fleet.population, fleet.driver_models, NO_EVENTS)

@@ -119,10 +119,6 @@ def task_of(scenario: Scenario, config: Config) -> Task:
             "name one of them, or drive in SUMO, with gymnasium.make."
         )
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-    if config.observation.way:
-        raise ConfigError(
-            "The twin does not know observation.way: drive in SUMO, with gymnasium.make."
-        )
     return Task(
         net=net,
         road=road_numbers(road),

@@ -17,8 +17,10 @@ from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import Indicators, ground_of
+from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
+from drl_av.env.observation import group_observation
 from drl_av.env.open_worlds import (
     NO_FORKS,
     OpenWorlds,
@@ -27,7 +29,7 @@ from drl_av.env.open_worlds import (
     request_random_changes,
 )
 from drl_av.env.twin_episodes import CHECK_NUMBERS, decide_all, empty_episodes, look_all, task_of
-from drl_av.env.vector_info import common_info, marked, step_info
+from drl_av.env.vector_info import Observations, common_info, step_info, with_final
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import EGO_ID, Snapshot
@@ -37,7 +39,6 @@ from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
 from drl_av.twin.worlds import COUNT, LANE, MODEL, STEP, World, empty_worlds
 
-Observations = npt.NDArray[np.float32]
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
 
@@ -55,6 +56,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         scenario: A scenario folder, or the name of a shipped scenario.
         safety_check: The name of a check.
         config: Settings, as for ``drl_av/Highway-v0``.
+        observation: Names of groups of indicators, as for ``drl_av/Highway-v0``.
         action_mask: Whether ``info`` holds the action masks, shape (num_envs, 12), int8.
         autoreset_mode: When an episode that is over begins again: at the next step, as gymnasium's
             vector environments do by default, in the same step, or not at all.
@@ -71,6 +73,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         safety_check: str | None = None,
         config: Config | Mapping[str, Any] | str | Path | None = None,
         action_mask: bool = True,
+        observation: Sequence[str] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
     ) -> None:
@@ -89,12 +92,13 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self.road = self._scenario.road
         self.task = task_of(self._scenario, config)
         self._open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
-        bounds = self.task.bounds
-        self.single_observation_space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
+        scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
+        self._observe = group_observation(observation, scale, config.observation)
+        self.single_observation_space = self._observe.space
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS))
-        self._masked, self._threads, self._is_fork = action_mask, threads, False
+        self._masked, self._threads = action_mask, threads
+        self._is_fork = self._begun = False
         self._options: Mapping[str, Any] = {}
-        self._begun = False
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
         self._make_arrays(config.traffic.vehicles_max + 1, FIRST_EVENTS)
 
@@ -151,7 +155,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             )
         self._begin(rows, seeds)
         self._begun = True
-        return self.episodes.observation.copy(), self._info(np.ones(self.num_envs, np.bool_))
+        return self._observations(), self._info()
 
     def step(
         self, actions: npt.NDArray[np.int64]
@@ -194,10 +198,10 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         if self._open is not None:
             for row in rows.tolist():
                 self.ways[row] = self._open.way(row, self._indicators(row), bool(self._over[row]))
-        info = self._info(np.ones(self.num_envs, np.bool_))
+        info = self._info()
         decided = proposed, executed, rules
         info |= step_info(self.episodes, self._over, self.ways, decided, self._ids, ~begins)
-        observations = self.episodes.observation.copy()
+        observations = self._observations()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
             observations = self._restart(observations, info)
         return observations, rewards, terminated, truncated, info
@@ -277,20 +281,19 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             self._pool.shutdown()
             self._pool = None
 
+    def _observations(self) -> Observations:
+        """Return a copy of the present observations."""
+        episodes, (origin, target) = self.episodes, self.episodes.lanes.T
+        seen = episodes.observation, episodes.values, episodes.codes
+        return self._observe.of_worlds(*seen, target - origin, self.task.road.barriers)
+
     def _restart(self, last: Observations, info: dict[str, Any]) -> Observations:
         """Reset the worlds whose episode is over; their last scene goes to ``info``."""
         over = self._over.copy()
-        info["final_obs"] = np.array(
-            [row if ended else None for row, ended in zip(last, over, strict=True)], dtype=object
-        )
-        info["_final_obs"] = over
-        info["final_info"] = {
-            name: value.copy() for name, value in info.items() if isinstance(value, np.ndarray)
-        }
-        info["_final_info"] = over
+        info |= with_final(info, last, over)
         self._begin(np.flatnonzero(over), [None] * self.num_envs)
-        info |= self._info(np.ones(self.num_envs, np.bool_))
-        return self.episodes.observation.copy()
+        info |= self._info()
+        return self._observations()
 
     def _proposed(self, actions: Any) -> npt.NDArray[np.int64]:
         """Return the proposed actions; raise ConfigError or ResetNeeded if they are refused."""
@@ -319,8 +322,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             self.seeds[row], self.vehicles[row] = seed, vehicles
             kinds = config.per_traffic_preset
             if self._open is not None:
-                kind = kinds[kind_of_traffic(seed, len(kinds))]
-                drawn.append(self._open.draw(row, seed, vehicles, kind))
+                drawn.append(self._open.draw(row, seed, vehicles, kinds))
             else:
                 drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
         self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
@@ -392,8 +394,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         for job in jobs:
             job.result()
 
-    def _info(self, present: npt.NDArray[np.bool_]) -> dict[str, Any]:
+    def _info(self) -> dict[str, Any]:
         """Return what ``reset`` and ``step`` have in common of ``info``."""
-        found = {"seed": self.seeds.copy(), "vehicles": self.vehicles.copy()}
         mask = self.action_masks() if self._masked else None
-        return marked(found | common_info(self.episodes, self.ways, mask), present)
+        return common_info(self.episodes, self.seeds, self.vehicles, self.ways, mask)

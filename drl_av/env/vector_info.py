@@ -14,6 +14,7 @@ from drl_av.safety.check import RULES
 Flags = npt.NDArray[np.bool_]
 Words = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
+Observations = npt.NDArray[np.float32]
 RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
 COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
 """By number; -1, no collision, is the last."""
@@ -25,13 +26,33 @@ def marked(info: dict[str, Any], present: Flags) -> dict[str, Any]:
     return info | {f"_{name}": present for name in info}
 
 
+def with_final(info: dict[str, Any], last: Observations, over: Flags) -> dict[str, Any]:
+    """Return ``info`` and what gymnasium keeps of the episodes that are over and begin again."""
+    kept = [row if ended else None for row, ended in zip(last, over, strict=True)]
+    final = {name: value.copy() for name, value in info.items() if isinstance(value, np.ndarray)}
+    ends = {"final_obs": np.array(kept, dtype=object), "final_info": final}
+    return info | marked(ends, over)
+
+
 def common_info(
-    episodes: Episodes, ways: Words, action_mask: npt.NDArray[np.int8] | None
+    episodes: Episodes,
+    seeds: Numbers,
+    vehicles: Numbers,
+    ways: Words,
+    action_mask: npt.NDArray[np.int8] | None,
 ) -> dict[str, Any]:
     """Return the present scenes' part of ``info``; ``ways`` are the outcomes of the routes."""
     values = episodes.values[:, :27].copy()
-    info = {"speed_m_s": values[:, 24].copy(), "indicators": values, "way": ways.copy()}
-    return info if action_mask is None else info | {"action_mask": action_mask}
+    info: dict[str, Any] = {
+        "seed": seeds.copy(),
+        "vehicles": vehicles.copy(),
+        "speed_m_s": values[:, 24].copy(),
+        "indicators": values,
+        "way": ways.copy(),
+    }
+    if action_mask is not None:
+        info["action_mask"] = action_mask
+    return marked(info, np.ones(len(seeds), np.bool_))
 
 
 def step_info(

@@ -7,6 +7,7 @@ the second of them only.
 import math
 from contextlib import closing
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -73,8 +74,13 @@ def test_an_episode_is_the_same_as_in_sumo(
 
 @pytest.mark.parametrize("road", ["straight", "merge", "exit", "ramp_to_ramp"])
 def test_many_worlds_drive_as_one(road: str) -> None:
-    many = TwinVectorEnv(3, road, "paper", CALM)
-    one = HighwayEnv(road, "paper", CALM.updated("simulation", world="twin"), action_mask=True)
+    name = {"straight": "Straight", "merge": "Merge", "exit": "Exit"}.get(road, "RampToRamp")
+    twin = {"simulation": {"world": "twin"}}
+    many = gymnasium.make_vec(
+        f"drl_av/{name}-v0", num_envs=3, vectorization_mode="vector_entry_point"
+    ).unwrapped
+    one = gymnasium.make(f"drl_av/{name}-v0", config=twin).unwrapped
+    assert many.single_observation_space.shape == one.observation_space.shape == (30,)
     many.reset(seed=5)
     _, info = one.reset(seed=6)  # the second of the three
     draws, entered = np.random.default_rng(0), set(one.scene.snapshot.ids)

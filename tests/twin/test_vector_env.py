@@ -100,6 +100,7 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
     ("settings", "words"),
     [
         ({"scenario": "barricade"}, "places exactly"),
+        ({"observation": "wide"}, "groups of indicators only"),
         ({"config": Config().updated("simulation", step_length_s=0.25)}, "step_length_s"),
         ({"safety_check": lambda scene, proposed: None}, "named checks"),
     ],
