@@ -103,7 +103,7 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
     parser.add_argument(
         "--world",
         choices=WORLDS,
-        help="sumo, or the twin: SUMO's traffic on a loop, compiled, and so faster (default: "
+        help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: "
         "sumo; a training that is resumed keeps its own)",
     )
     parser.add_argument(

@@ -19,7 +19,7 @@ class SimulationConfig(Section):
     """The scenario, and the time steps of SUMO and of the decisions.
 
     scenario: path of a scenario folder, or name of a shipped scenario (ours)
-    world: sumo, or twin: SUMO's traffic on a loop, compiled (ours)
+    world: sumo, or twin: SUMO's traffic, compiled (ours)
     step_length_s: length of a SUMO step; must divide one second (ours)
     decisions_per_episode: N_s, largest number of decisions in an episode (Sec. IV-C)
     lateral_resolution_m: width of a strip of SUMO's sublane model; from 3.8 m on, one strip per
