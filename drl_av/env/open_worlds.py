@@ -13,7 +13,7 @@ from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.population import Population
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import Drawn, add_vehicles, keep_vehicles
+from drl_av.twin.traffic import Drawn, add_vehicles, keep_vehicles, sort_and_activate
 from drl_av.twin.worlds import COUNT, FRONT_M, STEP, FloatArray, Net, World
 
 NO_FORKS = "The twin copies episodes on a loop only: take a loop."
@@ -44,11 +44,13 @@ def exchange_vehicles(
     end_m = net.begins_m[-1] + net.lengths_m[-1]
     left = sorted({*range(world.near[COUNT])} - {*kept})
     left = [row for row in left if world.x[FRONT_M, row] < end_m]
-    keep_vehicles(world, net, [*kept, *left])
+    keep_vehicles(world, [*kept, *left])
     for vehicle in entering:
         add_vehicles(world, net, vehicle, np.zeros(1, np.int64), fleet.scenario, fleet.config)
-    rows, gone = np.arange(world.near[COUNT]), len(kept) + np.arange(len(left))
-    keep_vehicles(world, net, [*np.delete(rows, gone), *gone])
+    if left:
+        rows, gone = np.arange(world.near[COUNT]), len(kept) + np.arange(len(left))
+        keep_vehicles(world, [*np.delete(rows, gone), *gone])
+    sort_and_activate(world, net)
 
 
 class OpenWorlds:

@@ -270,6 +270,7 @@ def place_vehicles(
     world.near[KEEPS_DISTANCE] = config.traffic.keep_stopping_distance or len(drivers) > 0
     add_vehicles(world, net, population, driver_models, scenario, config)
     world.z[DRIVERS, : len(drivers)] = drivers
+    sort_and_activate(world, net)
 
 
 def add_vehicles(
@@ -280,7 +281,7 @@ def add_vehicles(
     scenario: Scenario,
     config: Config,
 ) -> None:
-    """Add the vehicles of a population to those of a world."""
+    """Add the vehicles of a population to those of a world, still unsorted."""
     first, types, traffic = int(world.near[COUNT]), scenario.vehicle_types, config.traffic
     n = first + len(population.ids)
     x, z, rows = world.x[:, first:n], world.z[:, first:n], np.arange(first, n)
@@ -311,11 +312,10 @@ def add_vehicles(
     z[MASK], z[IS_FULL] = 1 << z[LANE], 1
     z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1
     z[TRACKED], z[TRACKED_LEFT] = world.near[STEP] - 1, world.near[STEP] - 1
-    sort_and_activate(world, net)
 
 
-def keep_vehicles(world: World, net: Net, rows: Sequence[int]) -> None:
-    """Remove all vehicles but those in ``rows``, which are then in this order."""
+def keep_vehicles(world: World, rows: Sequence[int]) -> None:
+    """Remove all vehicles but those in ``rows``, which are then in this order, still unsorted."""
     x, z, n, kept = world.x, world.z, int(world.near[COUNT]), len(rows)
     new_row = np.full(n, -1)
     new_row[rows] = np.arange(kept)
@@ -323,7 +323,6 @@ def keep_vehicles(world: World, net: Net, rows: Sequence[int]) -> None:
     x[:, :kept], z[:, :kept] = x[:, rows], z[:, rows]
     z[ORDER, :kept] = order[order >= 0]
     world.near[COUNT] = kept
-    sort_and_activate(world, net)
 
 
 @borrowing

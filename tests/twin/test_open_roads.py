@@ -21,7 +21,14 @@ from drl_av.twin.following import EPS, krauss_speed
 from drl_av.twin.lane_speeds import expect_anew
 from drl_av.twin.lateral_room import request_of
 from drl_av.twin.neighbors import edge_of, next_edge
-from drl_av.twin.traffic import add_vehicles, keep_vehicles, net_of, place_vehicles, routes_of
+from drl_av.twin.traffic import (
+    add_vehicles,
+    keep_vehicles,
+    net_of,
+    place_vehicles,
+    routes_of,
+    sort_and_activate,
+)
 from drl_av.twin.worlds import (
     COUNT,
     DESIRED_M_S,
@@ -169,7 +176,8 @@ def test_on_an_edge_with_other_lanes_a_driver_expects_its_rightmost_lane_anew(ne
 def test_vehicles_leave_and_enter(net: Net) -> None:
     world = placed(net)
     fronts_m = world.x[FRONT_M, :6].copy()
-    keep_vehicles(world, net, [0, 2, 5, 4])
+    keep_vehicles(world, [0, 2, 5, 4])
+    sort_and_activate(world, net)
     assert world.near[COUNT] == 4
     assert world.x[FRONT_M, :4].tolist() == fronts_m[[0, 2, 5, 4]].tolist()
     assert world.x[FRONT_M, world.z[ORDER, :4]].tolist() == sorted(fronts_m[[0, 2, 5, 4]])[::-1]
@@ -178,6 +186,7 @@ def test_vehicles_leave_and_enter(net: Net) -> None:
     fleet = env.simulation.fleet
     newcomer = fleet.population.rows([3])
     add_vehicles(world, net, newcomer, np.zeros(1, np.int64), fleet.scenario, fleet.config)
+    sort_and_activate(world, net)
     assert world.near[COUNT] == 5
     assert world.x[FRONT_M, 4] == newcomer.front_m[0]
     assert sorted(world.z[ORDER, :5].tolist()) == [0, 1, 2, 3, 4]
