@@ -14,7 +14,7 @@ from drl_av.simulation.population import Population
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import Drawn, add_vehicles, keep_vehicles, sort_and_activate
-from drl_av.twin.worlds import COUNT, FRONT_M, STEP, FloatArray, Net, World
+from drl_av.twin.worlds import COUNT, EDGE_BEGIN, EDGE_LENGTH, FRONT_M, STEP, FloatArray, Net, World
 
 NO_FORKS = "The twin copies episodes on a loop only: take a loop."
 NO_EVENTS = np.empty((0, 3), np.int64)
@@ -41,7 +41,7 @@ def exchange_vehicles(
 
     As in SUMO, those that have left drive on to the end of the road, in the rows behind the others.
     """
-    end_m = net.begins_m[-1] + net.lengths_m[-1]
+    end_m = net.edges_m[EDGE_BEGIN, -1] + net.edges_m[EDGE_LENGTH, -1]
     left = sorted({*range(world.near[COUNT])} - {*kept})
     left = [row for row in left if world.x[FRONT_M, row] < end_m]
     keep_vehicles(world, [*kept, *left])

@@ -227,7 +227,7 @@ def advance(
         front_m = scene[0, 0] + 0.5 * scene[4, 0] + speed_m_s * STEP_S
         if not holds(y_m, scene[5, 0], front_m, road):
             return HIT_EDGE, 0
-    sumo_step(world, net, speed_m_s, y_m)
+    sumo_step(world, net, road, speed_m_s, y_m)
     read_scene(world, net, scene)
     world.x[LATERAL_SPEED_M_S, 0] = lateral_speed_m_s
     scene[3, 0] = lateral_speed_m_s

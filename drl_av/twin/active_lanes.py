@@ -6,13 +6,13 @@ after a step. Sets of strips are whole numbers with a bit for each.
 """
 
 from drl_av.compiled import inlined
-from drl_av.twin.worlds import ACTIVE, ACTIVE_COUNT, COUNT, EDGE, LANE, Net, World
+from drl_av.twin.worlds import ACTIVE, ACTIVE_COUNT, COUNT, EDGE, LANE, RANK, Net, World
 
 
 @inlined
 def strip_of(world: World, net: Net, i: int) -> int:
     """Return the strip on which the front of a vehicle is."""
-    return int(net.ranks[world.z[EDGE, i]] * net.lanes + world.z[LANE, i])
+    return int(net.edge_lanes[RANK, world.z[EDGE, i]] * net.lanes + world.z[LANE, i])
 
 
 @inlined

@@ -14,6 +14,7 @@ from drl_av.twin.worlds import (
     DRIVER_STATE,
     DRIVERS,
     EDGE,
+    FIRST_LANE,
     LANE,
     MODEL,
     REQUEST_END,
@@ -60,7 +61,7 @@ def request_change(world: World, net: Net, i: int, side: int, steps: int) -> Non
 
     None is requested of a vehicle that is not centred, as in SUMO.
     """
-    lane = world.z[LANE, i] + side - net.first_lanes[world.z[EDGE, i]]
+    lane = world.z[LANE, i] + side - net.edge_lanes[FIRST_LANE, world.z[EDGE, i]]
     if lane >= 0 and np.abs(world.x[ASIDE_M, i]) <= CENTERED_M:
         world.z[REQUEST_LANE, i] = lane
         world.z[REQUEST_END, i] = world.near[STEP] + steps

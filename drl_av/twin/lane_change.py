@@ -3,7 +3,7 @@
 import math
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.road.compiled_road import is_beside, mandatory_change
+from drl_av.road.compiled_road import RoadNumbers, is_beside, mandatory_change
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S
 from drl_av.twin.lane_choice import ask_for_room, keep_lateral_gap, limit_move, wish
@@ -32,10 +32,14 @@ from drl_av.twin.worlds import (
     ADVICE_M_S,
     ASIDE_M,
     BLOCKED,
+    BY_RANK,
     COMMANDED_M,
     COOPERATIVE,
     COUNT,
     EDGE,
+    EDGE_BEGIN,
+    EDGE_ROUTE,
+    FIRST_LANE,
     FIRST_ON,
     FRONT_M,
     GAIN_LEFT,
@@ -78,7 +82,7 @@ as far to the left; and the factor by which it is to end earlier than it must.""
 
 
 @inlined
-def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
+def change_lanes(world: World, net: Net, road: RoadNumbers, ego_y_m: float) -> None:
     """Let the vehicles change lanes one after the other: edge by edge, on each the foremost first.
 
     A driver knows the lane changes of those before it.
@@ -88,7 +92,7 @@ def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
     for k in range(n - 1, -1, -1):
         near[FIRST_ON + z[EDGE, z[ORDER, k]]] = k
     for m in range(near[ACTIVE_COUNT]):
-        edge = net.by_rank[near[ACTIVE + m] // net.lanes]
+        edge = net.edge_lanes[BY_RANK, near[ACTIVE + m] // net.lanes]
         if done & (1 << edge):
             continue
         done |= 1 << edge
@@ -98,7 +102,7 @@ def change_lanes(world: World, net: Net, ego_y_m: float) -> None:
                 break
             if i == 0:
                 if not net.is_loop:
-                    ask_for_ego(world, net, k, ego_y_m)
+                    ask_for_ego(world, net, road, k, ego_y_m)
                 place_ego(world, net, ego_y_m)
             elif needs_thought(world, net, k):
                 change_lane(world, net, k)
@@ -162,7 +166,9 @@ def change_lane(world: World, net: Net, k: int) -> None:
     sides = RIGHT if is_seen(net, edge, own - 1) else 0
     sides |= LEFT if is_seen(net, edge, own + 1) else 0
     look_behind(world, net, k)
-    notes[LEFT_SPACE] = net.routes_m[edge] - (world.x[FRONT_M, i] - net.begins_m[edge])
+    notes[LEFT_SPACE] = net.edges_m[EDGE_ROUTE, edge] - (
+        world.x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge]
+    )
     world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0
     if sides & RIGHT:
@@ -208,7 +214,7 @@ def look_behind(world: World, net: Net, k: int) -> None:
             near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d] = j, gap_m
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
     center = center_m(world, net, i)
-    notes[SAFE_RIGHT] = center - half_m - net.first_lanes[edge] * net.lane_m
+    notes[SAFE_RIGHT] = center - half_m - net.edge_lanes[FIRST_LANE, edge] * net.lane_m
     notes[SAFE_LEFT] = net.lanes * net.lane_m - center - half_m
     notes[LAST_RIGHT] = math.inf
     notes[LAST_LEFT] = math.inf
@@ -216,7 +222,7 @@ def look_behind(world: World, net: Net, k: int) -> None:
 
 
 @borrowing
-def ask_for_ego(world: World, net: Net, k: int, y_m: float) -> None:
+def ask_for_ego(world: World, net: Net, road: RoadNumbers, k: int, y_m: float) -> None:
     """Ask others for room for the ego's next mandatory lane change, as SUMO does in its name.
 
     SUMO cancels the lane change itself, because we drive the ego.
@@ -230,11 +236,11 @@ def ask_for_ego(world: World, net: Net, k: int, y_m: float) -> None:
     x[LOOK_AHEAD_M_S, 0] = look_ahead
     for _ in range(sides):
         x[LOOK_AHEAD_M_S, 0] = smoothed(x[LOOK_AHEAD_M_S, 0], speed)
-    changes, within_m = mandatory_change(lane, at_m, net.road)
-    changes = max(changes, net.first_lanes[edge] - lane)
+    changes, within_m = mandatory_change(lane, at_m, road)
+    changes = max(changes, net.edge_lanes[FIRST_LANE, edge] - lane)
     side = 1 if changes > 0 else -1
     moves_aside = y_m != lane * net.lane_m + x[ASIDE_M, 0]
-    if changes == 0 or moves_aside or not is_beside(lane, lane + side, at_m, net.road):
+    if changes == 0 or moves_aside or not is_beside(lane, lane + side, at_m, road):
         return
     count, ahead_s = abs(changes), LOOK_AHEAD_S * (2.0 if side > 0 else 1.0)
     if within_m / count >= look_ahead * ahead_s + 2.0 * (x[LENGTH_M, 0] + MIN_GAP_M):

@@ -44,6 +44,7 @@ from drl_av.twin.worlds import (
     COMMANDED_M,
     COOPERATIVE,
     EDGE,
+    FIRST_LANE,
     FULL_REASONS,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -227,7 +228,7 @@ def keep_lateral_gap(world: World, net: Net, i: int, side: int, state: int) -> i
     state &= ~(BLOCKED | OVERLAPPING)
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
     center = center_m(world, net, i)
-    right = center - half_m - net.first_lanes[world.z[EDGE, i]] * net.lane_m
+    right = center - half_m - net.edge_lanes[FIRST_LANE, world.z[EDGE, i]] * net.lane_m
     left = net.lanes * net.lane_m - center - half_m
     stays = side == 0 or state & (STAY | STRATEGIC) == STAY | STRATEGIC
     kept_m = 0.0 if right < 0 or left < 0 else LATERAL_GAP_M

@@ -18,7 +18,12 @@ from drl_av.twin.worlds import (
     COUNT,
     DESIRED_M_S,
     EDGE,
+    EDGE_BEGIN,
+    EDGE_LENGTH,
+    EDGE_ROUTE,
     EXPECTED_M_S,
+    FIRST_LANE,
+    FIRST_SEEN,
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -63,13 +68,13 @@ def is_open(net: Net, lane: int) -> bool:
 @inlined
 def is_seen(net: Net, edge: int, lane: int) -> bool:
     """Return whether the lane exists on an edge and is open; it may lead elsewhere."""
-    return net.first_seen[edge] <= lane <= net.last_open
+    return net.edge_lanes[FIRST_SEEN, edge] <= lane <= net.last_open
 
 
 @borrowing
 def expect_anew(world: World, net: Net, i: int) -> None:
     """Forget the expected speeds that SL2015 does not keep on an edge with other lanes."""
-    x, first = world.x, net.first_lanes[world.z[EDGE, i]]
+    x, first = world.x, net.edge_lanes[FIRST_LANE, world.z[EDGE, i]]
     for lane in range(max(net.first_open, first + 1)):
         x[EXPECTED_M_S + lane, i] = min(x[DESIRED_M_S, i], net.limit_m_s) if lane >= first else -1.0
 
@@ -89,13 +94,17 @@ def look_around(world: World, net: Net, k: int) -> None:
     x, near = world.x, world.near
     i = world.z[ORDER, k]
     own, edge = world.z[LANE, i], world.z[EDGE, i]
-    pos_m = x[FRONT_M, i] - net.begins_m[edge]
+    pos_m = x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge]
     seen_m = reach_m(net, edge, pos_m, x[SPEED_M_S, i], x[HEADWAY_S, i])
     for d in range(3):
         near[LEADER + d] = -1
-    for lane in range(net.first_seen[edge], net.last_open + 1):
+    for lane in range(net.edge_lanes[FIRST_SEEN, edge], net.last_open + 1):
         j, rear_m = leader(world, net, k, lane, seen_m)
-        end_m = net.routes_m[edge] if lane >= net.first_open else net.lengths_m[edge]
+        end_m = (
+            net.edges_m[EDGE_ROUTE, edge]
+            if lane >= net.first_open
+            else net.edges_m[EDGE_LENGTH, edge]
+        )
         gap_m = rear_m - MIN_GAP_M if j >= 0 else end_m - pos_m
         if abs(lane - own) <= 1:
             near[LEADER + 1 + lane - own], world.notes[LEADER_GAP + 1 + lane - own] = j, gap_m
@@ -201,7 +210,7 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
     if not follows and not tracks:
         return False
     edge = z[EDGE, i]
-    pos_m = x[FRONT_M, i] - net.begins_m[edge]
+    pos_m = x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge]
     seen_m = reach_m(net, edge, pos_m, speed, x[HEADWAY_S, i])
     if follows:
         j, rear_m = leader(world, net, k, own + 1, seen_m)
@@ -210,12 +219,12 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
     if not tracks:
         return False
     if is_new:
-        for lane in range(net.first_seen[edge], own + 1):
+        for lane in range(net.edge_lanes[FIRST_SEEN, edge], own + 1):
             j, rear_m = leader(world, net, k, lane, seen_m)
-            gap_m = rear_m - MIN_GAP_M if j >= 0 else net.routes_m[edge] - pos_m
+            gap_m = rear_m - MIN_GAP_M if j >= 0 else net.edges_m[EDGE_ROUTE, edge] - pos_m
             expect(world, i, lane, promised_speed(world, i, j, gap_m))
     z[TRACKED, i] = world.near[STEP]
-    for lane in range(net.first_seen[edge], own):
+    for lane in range(net.edge_lanes[FIRST_SEEN, edge], own):
         its = x[EXPECTED_M_S + lane, i]
         if its - x[EXPECTED_M_S + own, i] > GAIN_SEEN * max(its, SLOW_M_S):
             j, rear_m = leader(world, net, k, own - 1, seen_m)

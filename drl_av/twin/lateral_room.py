@@ -18,6 +18,7 @@ from drl_av.twin.worlds import (
     BLOCKED_LEFT,
     BLOCKED_RIGHT,
     EDGE,
+    FIRST_LANE,
     FULL_REASONS,
     HEADWAY_S,
     IS_FULL,
@@ -69,7 +70,7 @@ def lane_side_distance(width_m: float, aside_m: float, side: int, lane_m: float)
 def request_of(world: World, net: Net, i: int) -> int:
     """Return the side of the request that stands: -1, +1, ``HOLD``, or 0 without one."""
     wanted = world.z[REQUEST_LANE, i]
-    first = net.first_lanes[world.z[EDGE, i]]
+    first = net.edge_lanes[FIRST_LANE, world.z[EDGE, i]]
     if wanted < 0 or wanted >= net.lanes - first or world.near[STEP] > world.z[REQUEST_END, i]:
         return 0
     lane = world.z[LANE, i] - first

@@ -8,6 +8,8 @@ from drl_av.twin.worlds import (
     AHEAD,
     COUNT,
     EDGE,
+    EDGE_BEGIN,
+    EDGE_LENGTH,
     FRONT_M,
     HEADWAY_S,
     LENGTH_M,
@@ -89,7 +91,7 @@ def leader(world: World, net: Net, k: int, lane: int, seen_m: float) -> tuple[in
 @inlined
 def edge_of(at_m: float, net: Net, edge: int = 0) -> int:
     """Return the number of the SUMO edge at a position, which is not before the edge ``edge``."""
-    while edge < net.edges - 1 and at_m >= net.begins_m[edge + 1]:
+    while edge < net.edges - 1 and at_m >= net.edges_m[EDGE_BEGIN, edge + 1]:
         edge += 1
     return edge
 
@@ -115,7 +117,7 @@ def shadow_lane(aside_m: float, width_m: float, lane: int, net: Net) -> int:
 def reach_m(net: Net, edge: int, pos_m: float, speed: float, headway_s: float) -> float:
     """Return how far a driver sees ahead for a lane change from a position on its edge."""
     distance_m = max(brake_gap(speed, BRAKING_M_S2, headway_s), 10.0) + MIN_GAP_M
-    seen_m, other = net.lengths_m[edge] - pos_m, edge
+    seen_m, other = net.edges_m[EDGE_LENGTH, edge] - pos_m, edge
     if seen_m > distance_m:
         return seen_m
     goes_on = True
@@ -124,7 +126,7 @@ def reach_m(net: Net, edge: int, pos_m: float, speed: float, headway_s: float) -
         other = next_edge(other, net)
         if other < 0:
             break
-        seen_m += net.lengths_m[other]
+        seen_m += net.edges_m[EDGE_LENGTH, other]
     return seen_m
 
 
@@ -134,7 +136,7 @@ def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
     i = world.z[ORDER, k]
     at_m, speed = world.x[FRONT_M, i], world.x[SPEED_M_S, i]
     own = world.z[EDGE, i]
-    pos_m = at_m - net.begins_m[own]
+    pos_m = at_m - net.edges_m[EDGE_BEGIN, own]
     length_m = world.x[LENGTH_M, i]
     back_m = pos_m - length_m
     found, found_gap_m, found_missing_m = -1, math.inf, -math.inf
@@ -159,8 +161,11 @@ def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
                 break
             if edge == done_edge:
                 continue
-            end_m = net.begins_m[its] + net.lengths_m[its]
-            if edge > 1 and net.begins_m[own] + wrapped_m - end_m >= SEEN_BEHIND_M - back_m:
+            end_m = net.edges_m[EDGE_BEGIN, its] + net.edges_m[EDGE_LENGTH, its]
+            if (
+                edge > 1
+                and net.edges_m[EDGE_BEGIN, own] + wrapped_m - end_m >= SEEN_BEHIND_M - back_m
+            ):
                 break
         done_edge = edge
         gap_m = behind_m - length_m - MIN_GAP_M

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from drl_av.compiled import borrowing, inlined
+from drl_av.road.compiled_road import RoadNumbers
 from drl_av.simulation.speed_requests import (
     LEFT_TO_SUMO,
     LOOK_AHEAD_M,
@@ -40,6 +41,9 @@ from drl_av.twin.worlds import (
     COUNT,
     DESIRED_M_S,
     EDGE,
+    EDGE_BEGIN,
+    EDGE_LENGTH,
+    FIRST_LANE,
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -68,7 +72,9 @@ from drl_av.twin.worlds import (
 
 
 @borrowing
-def sumo_step(world: World, net: Net, ego_speed_m_s: float, ego_y_m: float) -> None:
+def sumo_step(
+    world: World, net: Net, road: RoadNumbers, ego_speed_m_s: float, ego_y_m: float
+) -> None:
     """Advance the world ``w`` by one SUMO step, in which the ego reaches this speed and place."""
     if world.near[KEEPS_DISTANCE]:
         request_speeds(world, net)
@@ -79,7 +85,7 @@ def sumo_step(world: World, net: Net, ego_speed_m_s: float, ego_y_m: float) -> N
     move(world, net)
     insert_sorted(world)
     link(world, net)
-    change_lanes(world, net, ego_y_m)
+    change_lanes(world, net, road, ego_y_m)
     world.near[STEP] += 1
 
 
@@ -94,13 +100,13 @@ def see_ahead(world: World, net: Net, k: int) -> None:
     speed, headway_s, acceleration = x[SPEED_M_S, i], x[HEADWAY_S, i], x[ACCELERATION_M_S2, i]
     top = min(speed + acceleration * STEP_S, x[DESIRED_M_S, i])
     edge = world.z[EDGE, i]
-    rest_m = net.lengths_m[edge] - (x[FRONT_M, i] - net.begins_m[edge])
+    rest_m = net.edges_m[EDGE_LENGTH, edge] - (x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge])
     far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, headway_s)
     edge = next_edge(edge, net)
-    seen_m = rest_m + (net.lengths_m[edge] if edge >= 0 else 0.0)
+    seen_m = rest_m + (net.edges_m[EDGE_LENGTH, edge] if edge >= 0 else 0.0)
     while seen_m <= far_m and edge >= 0:
         edge = next_edge(edge, net)
-        seen_m += net.lengths_m[edge] if edge >= 0 else 0.0
+        seen_m += net.edges_m[EDGE_LENGTH, edge] if edge >= 0 else 0.0
     x[GAP_M, i], x[NEXT_M_S, i] = math.inf, math.inf
     see_in_lane(world, net, k, world.z[LANE, i], rest_m, seen_m, True)
     if world.z[SHADOW, i] >= 0:
@@ -185,7 +191,7 @@ def see_in_lane(
             served_m = rest_m
         while served_m < ahead_m:
             edge = next_edge(edge, net)
-            served_m = served_m + net.lengths_m[edge] if edge >= 0 else math.inf
+            served_m = served_m + net.edges_m[EDGE_LENGTH, edge] if edge >= 0 else math.inf
         if served_m >= seen_m:
             break
 
@@ -207,7 +213,7 @@ def move(world: World, net: Net) -> None:
         edge = edge_of(at_m, net, edge)
         if edge != before:
             world.z[EDGE, i] = edge
-            if net.first_lanes[edge] != net.first_lanes[before]:
+            if net.edge_lanes[FIRST_LANE, edge] != net.edge_lanes[FIRST_LANE, before]:
                 expect_anew(world, net, i)
         now = strip_of(world, net, i)
         present |= 1 << now
@@ -274,11 +280,11 @@ def leader(world: World, net: Net, k: int) -> tuple[int, float]:
             break
         is_within = z[LANE, j] == lane
         gap_m = x[FRONT_M, j] - at_m + wrapped_m - x[LENGTH_M, j] - MIN_GAP_M
-        begin_m = net.begins_m[z[EDGE, j]] - at_m + wrapped_m
+        begin_m = net.edges_m[EDGE_BEGIN, z[EDGE, j]] - at_m + wrapped_m
         laps = edges > 0 and gap_m + MIN_GAP_M < begin_m
         if laps and not (edges == 1 and (hides or overlaps_behind(world, k))):
             edges -= 1
-            begin_m -= net.lengths_m[z[EDGE, j] - 1]
+            begin_m -= net.edges_m[EDGE_LENGTH, z[EDGE, j] - 1]
             is_within = False
         if edges > 0 and begin_m > LOOK_AHEAD_M:
             break

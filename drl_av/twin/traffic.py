@@ -12,7 +12,6 @@ from drl_av.drivers.background.finite_state import HardBraking
 from drl_av.drivers.background.traffic import in_order
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator, kind_of_traffic
-from drl_av.road.compiled_road import road_numbers
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.layout import split_long_edges
@@ -40,6 +39,7 @@ from drl_av.twin.worlds import (
     DRIVERS,
     EDGE,
     EXPECTED_M_S,
+    FIRST_SEEN,
     FRONT_M,
     HEADWAY_S,
     IS_FULL,
@@ -93,23 +93,18 @@ def net_of(scenario: Scenario, config: Config) -> Net:
     names, begins_m, lengths_m, first_lanes = edges_of(scenario)
     by_rank = np.argsort(names, kind="stable")
     lanes = np.flatnonzero(road.open_lanes) if start is None else np.array(start.lanes)
+    first_seen = np.full(len(names), lanes.min()) if road.is_loop else first_lanes
     return Net(
         lap_m=float(road.lap_m),
-        begins_m=begins_m,
-        lengths_m=lengths_m,
-        first_lanes=first_lanes,
-        first_seen=np.full(len(begins_m), lanes.min()) if road.is_loop else first_lanes,
-        ranks=by_rank.argsort(),
-        by_rank=by_rank,
-        routes_m=routes_of(lengths_m, road.is_loop),
-        edges=len(begins_m),
+        edges_m=np.stack((begins_m, lengths_m, routes_of(lengths_m, road.is_loop))),
+        edge_lanes=np.stack((first_lanes, first_seen, by_rank.argsort(), by_rank)),
+        edges=len(names),
         is_loop=road.is_loop,
         lane_m=float(road.lane_width_m),
         lanes=len(road.open_lanes),
         first_open=int(lanes.min()),
         last_open=int(lanes.max()),
         limit_m_s=float(scenario.description.speed_limit_m_s),
-        road=road_numbers(road),
     )
 
 
@@ -304,7 +299,7 @@ def add_vehicles(
     x[ADVICE_M_S] = np.inf
     x[WISH_M_S2] = np.where(z[ON_REQUEST_ONLY], 0.0, np.nan)
     x[REQUESTED_M_S], x[CHOSEN_M_S] = LEFT_TO_SUMO, x[SPEED_M_S]
-    first_seen = net.first_seen[[edge_of(at_m, net) for at_m in population.front_m]]
+    first_seen = net.edge_lanes[FIRST_SEEN][[edge_of(at_m, net) for at_m in population.front_m]]
     for lane in range(net.lanes):
         is_seen = (first_seen <= lane) & (lane <= net.last_open)
         x[EXPECTED_M_S + lane] = np.where(is_seen, x[DESIRED_M_S], -1.0)

@@ -11,8 +11,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.road.compiled_road import RoadNumbers
-
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -132,25 +130,24 @@ class Worlds(NamedTuple):
     near: IntArray
 
 
+EDGE_BEGIN, EDGE_LENGTH, EDGE_ROUTE = range(3)
+"""The rows of ``Net.edges_m``."""
+FIRST_LANE, FIRST_SEEN, RANK, BY_RANK = range(4)
+"""The rows of ``Net.edge_lanes``."""
+
+
 class Net(NamedTuple):
     """The road of all worlds: SUMO's edges, one after the other, and lanes along all of them."""
 
     lap_m: float
     """The length of a lap, after which position 0 comes; an open road ends long before it."""
-    begins_m: FloatArray
-    """The position at which each edge begins, shape (edges,)."""
-    lengths_m: FloatArray
-    """The length of each edge; drivers see to the end of an edge."""
-    first_lanes: IntArray
-    """The rightmost lane of each edge, which SUMO counts as its lane 0."""
-    first_seen: IntArray
-    """The rightmost lane of each edge that is not barricaded; it may lead elsewhere."""
-    ranks: IntArray
-    """The place of each edge in SUMO's order, which is that of their names."""
-    by_rank: IntArray
-    """The edge at each place."""
-    routes_m: FloatArray
-    """From the beginning of each edge, the length of the road ahead that SUMO regards."""
+    edges_m: FloatArray
+    """Shape (3, edges): where each edge begins, its length, to the end of which drivers see, and the
+    length of the road ahead that SUMO regards from its beginning."""
+    edge_lanes: IntArray
+    """Shape (4, edges): the rightmost lane of each edge, which SUMO counts as its lane 0; the
+    rightmost one that is not barricaded, which may lead elsewhere; the place of the edge in SUMO's
+    order, which is that of their names; and the edge at each place."""
     edges: int
     is_loop: bool
     """Whether the first edge follows the last one."""
@@ -161,7 +158,6 @@ class Net(NamedTuple):
     last_open: int
     limit_m_s: float
     """SUMO's speed limit of the road."""
-    road: RoadNumbers
 
 
 def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:

@@ -30,10 +30,14 @@ from drl_av.twin.traffic import (
     sort_and_activate,
 )
 from drl_av.twin.worlds import (
+    BY_RANK,
     COUNT,
     DESIRED_M_S,
     EDGE,
+    EDGE_BEGIN,
+    EDGE_LENGTH,
     EXPECTED_M_S,
+    FIRST_LANE,
     FRONT_M,
     LANE,
     ORDER,
@@ -115,12 +119,12 @@ def net() -> Net:
 
 
 def test_the_edges_of_a_road_are_those_of_its_network(net: Net) -> None:
-    assert net.begins_m.tolist() == [0.0, 500.0, 750.0]
-    assert net.lengths_m.tolist() == [500.0, 250.0, 1000.0]
-    assert net.first_lanes.tolist() == [1, 0, 1]
+    assert net.edges_m[EDGE_BEGIN].tolist() == [0.0, 500.0, 750.0]
+    assert net.edges_m[EDGE_LENGTH].tolist() == [500.0, 250.0, 1000.0]
+    assert net.edge_lanes[FIRST_LANE].tolist() == [1, 0, 1]
     assert [edge_of(at_m, net) for at_m in (0.0, 499.9, 500.0, 750.0, 5000.0)] == [0, 0, 1, 2, 2]
     assert [next_edge(edge, net) for edge in range(3)] == [1, 2, -1]
-    assert net.by_rank.tolist() == [2, 0, 1]  # after, before, beside
+    assert net.edge_lanes[BY_RANK].tolist() == [2, 0, 1]  # after, before, beside
 
 
 def test_sumo_regards_the_rest_of_the_route_as_far_as_it_needs_to() -> None:
