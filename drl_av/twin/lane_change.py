@@ -166,9 +166,8 @@ def change_lane(world: World, net: Net, k: int) -> None:
     sides = RIGHT if is_seen(net, edge, own - 1) else 0
     sides |= LEFT if is_seen(net, edge, own + 1) else 0
     look_behind(world, net, k)
-    notes[LEFT_SPACE] = net.edges_m[EDGE_ROUTE, edge] - (
-        world.x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge]
-    )
+    pos_m = world.x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge]
+    notes[LEFT_SPACE] = net.edges_m[EDGE_ROUTE, edge] - pos_m
     world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0
     if sides & RIGHT:

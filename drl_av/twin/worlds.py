@@ -142,8 +142,8 @@ class Net(NamedTuple):
     lap_m: float
     """The length of a lap, after which position 0 comes; an open road ends long before it."""
     edges_m: FloatArray
-    """Shape (3, edges): where each edge begins, its length, to the end of which drivers see, and the
-    length of the road ahead that SUMO regards from its beginning."""
+    """Shape (3, edges): where each edge begins; its length, to the end of which drivers see; and
+    the length of the road ahead that SUMO regards from its beginning."""
     edge_lanes: IntArray
     """Shape (4, edges): the rightmost lane of each edge, which SUMO counts as its lane 0; the
     rightmost one that is not barricaded, which may lead elsewhere; the place of the edge in SUMO's
