@@ -163,6 +163,7 @@ def _report(
         with report_corrupt_table(table.path):
             for rows in trainings:
                 table.add(*rows.reported())
+        _note_wall_times([rows.job for rows in trainings], table)
 
     begun = [rows.job.origin for rows in trainings if rows.job.begun and rows.job.origin]
     _require_drivers(begun, table)
@@ -193,11 +194,16 @@ def _train(jobs: Sequence[TrainingJob], table: ResultTable, options: Options) ->
         make_folder(job.folder.parent, "--runs")
     with closing(ENGINES[options.engine](train_job, jobs, options.jobs)) as engine:
         for _ in engine:
-            for job in jobs:
-                if (seconds := job.wall_time_s()) is not None:
-                    table.seconds[job.name] = max(table.seconds.get(job.name, 0.0), seconds)
+            _note_wall_times(jobs, table)
             done = sum(min(job.episodes_driven(), job.stop) for job in jobs)
             yield Progress(done, total, "training")
+
+
+def _note_wall_times(jobs: Iterable[TrainingJob], table: ResultTable) -> None:
+    """Note the wall times of trainings so far in the table's provenance."""
+    for job in jobs:
+        if (seconds := job.wall_time_s()) is not None:
+            table.seconds[job.name] = max(table.seconds.get(job.name, 0.0), seconds)
 
 
 def _require_drivers(jobs: Iterable[TrainingJob], table: ResultTable) -> None:
