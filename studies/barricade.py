@@ -1,7 +1,8 @@
 """The study ``barricade``: learning beside a closed lane, with and without the safety check.
 
-It corresponds to Sec. II-C of the paper, "Need for safety". The same agent is trained with and
-without the check, on a highway whose right lane is closed. Then the greedy policies are evaluated.
+It corresponds to Sec. II-C of the paper, "Need for safety", and to Fig. 1a. Algorithm 1 is trained
+with and without the check, on a highway whose right lane is closed. Then the greedy policies are
+evaluated.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,8 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.driving.actions import Action
+from drl_av.drivers.learned import LearnedDriver
+from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.maneuver import target_lane
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
@@ -22,36 +24,49 @@ from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
 from drl_av.evaluation.figure_style import label_axes, panels
-from drl_av.evaluation.statistics import grouped
+from drl_av.evaluation.statistics import grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from drl_av.road.road import Road
 from drl_av.road.snapshot import CollisionKind
 from studies.options import Call, Options, Plan, Program
-from studies.results import ResultsFolder
+from studies.results import ResultsFolder, markdown_table
+from studies.study import Settings, changed
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SCENARIO = "barricaded_right_lane"
+SETTINGS: Settings = {
+    "simulation": {"scenario": "barricaded_right_lane", "world": "twin"},
+    "traffic": {"kind": "paper"},
+}
+"""What differs from the preset ``paper``: a closed lane, and the traffic of Sec. IV-B."""
 CHECKS = ("permit_all", "paper")
-SEEDS = (0, 1)
-EPISODES = 120
-TRAINED_EPISODES, TRAINED_VEHICLES = 20, 15
+CHECK, SEED = itemgetter("safety_check"), itemgetter("seed")
+SEEDS = (0, 1, 2, 3, 4)
+EPISODES = {"permit_all": 10_000, "paper": 3000}
+"""How many episodes of the paper's schedule of 10,000 a training drives, by its check."""
+BLOCK = 100
+"""Each row of ``barricade.csv`` sums this number of episodes."""
+TRAINED_VEHICLES = 15
 PHASES = ("training", "trained")
-"""Values of the column ``phase``: the training with exploration; the greedy driver's evaluation on
-the seeds 0, 1, ..."""
+"""Values of the column ``phase``: the training with exploration; the greedy driver in one block of
+episodes, on the seeds 0, 1, ..."""
 STYLES = {"permit_all": ("#c2185b", "without a check"), "paper": ("#1976d2", "with the check")}
+AVOIDED = 1e-3
+"""A driver avoids the barricade if it enters the closed lane in at most this share of decisions."""
 
 
 class BarricadeMetrics(EpisodeMetrics):
-    """Computes the metrics of an episode, and counts the proposals to enter the closed lane."""
+    """Computes the metrics of an episode, and counts the actions into the closed lane."""
 
-    def __init__(self, road: Road) -> None:
+    def __init__(self, road: Road, driver: LearnedDriver) -> None:
         super().__init__()
-        self._road = road
-        self.barricade_proposals = 0
+        self._road, self._driver = road, driver
+        self.proposed = 0
+        """Decisions in which the driver, which may explore, proposed to enter the closed lane."""
+        self.chosen = 0
+        """Decisions in which the greedy driver would have proposed it."""
         self.hit = ""
         """What the ego hit: "barricade", "road edge" or "vehicle".
 
@@ -61,7 +76,9 @@ class BarricadeMetrics(EpisodeMetrics):
     def add(self, decision: Transition) -> None:
         """Add the next decision of the episode."""
         super().add(decision)
-        self.barricade_proposals += self._enters_closed_lane(decision.scene, decision.proposed)
+        greedy = ACTIONS[self._driver.greedy(decision.observation)]
+        self.proposed += self._enters_closed_lane(decision.scene, decision.proposed)
+        self.chosen += self._enters_closed_lane(decision.scene, greedy)
         if decision.collision is not None:
             closed = self._enters_closed_lane(decision.scene, decision.executed)
             edge = "barricade" if closed else "road edge"
@@ -73,20 +90,8 @@ class BarricadeMetrics(EpisodeMetrics):
         return 0 <= lane < len(self._road.open_lanes) and not self._road.is_open(lane)
 
 
-def barricade_config(check: str, seed: int, episodes: int) -> Config:
-    """Return the config of a training beside the closed lane: a simplified preset ``fast``.
-
-    The training has one network, and few of our additions to the paper's algorithm.
-    """
-    plain = {"networks": 1, "batch_size": 64, "learning_rate": 2e-3, "counterfactuals": 0}
-    plain |= {"discount": 0.9, "speed_weight": 0.0, "unsafe_penalty": 0.0, "lane_change_margin": 0}
-    plain |= {"evaluate_every": 100}
-    fast = preset("fast").updated("learning", seed=seed, episodes=episodes, **plain)
-    return fast.updated("simulation", scenario=SCENARIO).updated("safety", check=check)
-
-
 def train_and_evaluate(config: Config) -> list[Row]:
-    """Train a driver, then evaluate it; return a row for each episode of both parts.
+    """Train a driver, then evaluate it; return a row for each block of episodes of both parts.
 
     An interrupted training starts again from its beginning.
     """
@@ -94,39 +99,66 @@ def train_and_evaluate(config: Config) -> list[Row]:
 
     with closing(HighwayEnv(config=config)) as env:
         training, rows = build_training(env), []
-        keys = _keys(config)
-        for key in keys:
-            metrics = BarricadeMetrics(env.road)
-            if key["phase"] == "training":
-                training.run_episode(metrics)
-            else:
-                seed = int(key["episode"]) - 1
-                for decision in rollout(env, training.driver, seed, TRAINED_VEHICLES):
-                    metrics.add(decision)
-            counts = {"decisions": metrics.decisions}
-            counts["barricade_proposals"] = metrics.barricade_proposals
-            rows.append(key | {name: str(n) for name, n in counts.items()} | {"hit": metrics.hit})
+        for key in _keys(config):
+            episodes = []
+            for seed in range(BLOCK):
+                metrics = BarricadeMetrics(env.road, training.driver)
+                episodes.append(metrics)
+                if key["phase"] == "training":
+                    training.run_episode(metrics)
+                else:
+                    for decision in rollout(env, training.driver, seed, TRAINED_VEHICLES):
+                        metrics.add(decision)
+            rows.append(key | _summed(episodes))
     return rows
+
+
+def _summed(episodes: Sequence[BarricadeMetrics]) -> Row:
+    """Return the columns of a row that count decisions, or episodes with a collision."""
+    hits = [metrics.hit for metrics in episodes]
+    counts = {
+        "decisions": sum(metrics.decisions for metrics in episodes),
+        "proposed": sum(metrics.proposed for metrics in episodes),
+        "chosen": sum(metrics.chosen for metrics in episodes),
+        "hit_barricade": hits.count("barricade"),
+        "hit_other": hits.count("road edge") + hits.count("vehicle"),
+        "was_hit": hits.count("by vehicle"),
+    }
+    return {name: str(count) for name, count in counts.items()}
 
 
 def _keys(config: Config) -> list[Row]:
     """Return the columns that say the place of each row of a training."""
-    driven = (config.learning.episodes, TRAINED_EPISODES)
     own = {"safety_check": config.safety.check, "seed": str(config.learning.seed)}
+    last = EPISODES[config.safety.check]
+    ends = [("training", episode) for episode in range(BLOCK, last + 1, BLOCK)]
     return [
         {**own, "phase": phase, "episode": str(episode)}
-        for phase, count in zip(PHASES, driven, strict=True)
-        for episode in range(1, count + 1)
+        for phase, episode in [*ends, ("trained", BLOCK)]
     ]
 
 
+def chosen_share(rows: Sequence[Row]) -> float:
+    """Return the share of the decisions of ``rows`` in which the greedy driver enters the lane."""
+    return sum(int(row["chosen"]) for row in rows) / sum(int(row["decisions"]) for row in rows)
+
+
+def avoided_from(rows: Sequence[Row]) -> int | None:
+    """Return the number of rows of a training after which its greedy driver avoids the barricade.
+
+    In each later row the share of its choices into the closed lane is at most ``AVOIDED``. None if
+    it is larger in the last row.
+    """
+    late = [place for place, row in enumerate(rows) if chosen_share([row]) > AVOIDED]
+    first = late[-1] + 1 if late else 0
+    return first if first < len(rows) else None
+
+
 def barricade_plan(options: Options) -> Plan:
-    """Return a plan with one training of ``EPISODES`` episodes for each check and seed."""
+    """Return a plan with one training for each check and seed."""
+    base = options.with_files(changed(preset("paper"), SETTINGS))
     configs = [
-        options.with_files(barricade_config(check, seed, EPISODES))
-        .updated("simulation", scenario=SCENARIO)
-        .updated("safety", check=check)
-        .updated("learning", seed=seed)
+        base.updated("safety", check=check).updated("learning", seed=seed)
         for seed in SEEDS[: options.trainings(len(SEEDS))]
         for check in CHECKS
     ]
@@ -135,69 +167,79 @@ def barricade_plan(options: Options) -> Plan:
     return Plan(Inputs({"": configs[0]}, {"": None}), place, calls=calls)
 
 
-def barricade_figure(folder: Path) -> "Figure":
-    """Draw two panels on the closed lane, each with and without the safety check.
+def barricade_table(folder: Path) -> str:
+    """Return the Markdown table of the collisions with the barricade, by the check in training.
 
-    The left panel shows the collisions with the barricade in the trainings. The right panel shows
-    how often the trained drivers propose to enter the closed lane.
+    A value is the mean over the trainings, with its 95 % confidence interval.
+    """
+    lines = []
+    for check, own in grouped(ResultsFolder(folder).rows("barricade.csv"), CHECK).items():
+        trainings = [list(rows) for rows in grouped(own, SEED).values()]
+        learnt = [[row for row in rows if row["phase"] == "training"] for rows in trainings]
+        driven = [row for row in own if row["phase"] == "trained"]
+        avoided = [avoided_from(rows) for rows in learnt]
+        hits = mean_with_interval(sum(int(r["hit_barricade"]) for r in rows) for rows in learnt)
+        before = [
+            sum(int(row["hit_barricade"]) for row in rows[:first])
+            for rows, first in zip(learnt, avoided, strict=True)
+            if first is not None
+        ]
+        shares = mean_with_interval(100 * chosen_share(rows[-10:]) for rows in learnt)
+        lines.append(
+            [
+                f"`{check}`",
+                str(len(learnt)),
+                f"{len(learnt[0]) * BLOCK:,}",
+                f"{hits.value:,.0f} ± {hits.half_width:,.0f}",
+                f"{len(before)} of {len(learnt)}",
+                f"{np.mean(before):,.0f}" if before else "-",
+                f"{shares.value:.2f} ± {shares.half_width:.2f} %",
+                f"{sum(int(r['hit_barricade']) for r in driven)} of {len(driven) * BLOCK}",
+            ]
+        )
+    names = (
+        "check",
+        "trainings",
+        "episodes",
+        "collisions with the barricade",
+        "learnt to avoid it",
+    )
+    ends = ("after hits", "chosen in the last 1,000 episodes", "trained driver hit it")
+    return markdown_table([*names, *ends], lines)
+
+
+def barricade_figure(folder: Path) -> "Figure":
+    """Draw the collisions with the barricade, and how often the greedy driver chooses its lane.
+
+    Thin lines are trainings, bold ones their means.
     """
     rows = ResultsFolder(folder).rows("barricade.csv")
-    figure, (learning, trained) = panels((9, 3.8), 1, 2, width_ratios=(3, 2))
-    for place, (check, own) in enumerate(grouped(rows, itemgetter("safety_check")).items()):
+    figure, (collisions, choices) = panels((11, 3.8), 1, 2)
+    for check, own in grouped(rows, CHECK).items():
         color, label = STYLES[check]
-        _draw_learning(learning, [row for row in own if row["phase"] == "training"], color, label)
-        bar = (place, label, color)
-        _draw_trained(trained, [row for row in own if row["phase"] == "trained"], bar)
-    label_axes(learning, "training episode", "collisions with the barricade so far")
-    learning.set_title("while learning")
-    learning.set_ylim(bottom=-0.5)
-    learning.legend(frameon=False)
-    label_axes(trained, y="decisions for the barricaded lane, %")
-    trained.set_title("the trained drivers")
-    trained.set_xlim(-0.6, trained.get_xlim()[1] + 0.2)
+        learnt = [row for row in own if row["phase"] == "training"]
+        trainings = [list(rows) for rows in grouped(learnt, SEED).values()]
+        hits = [np.cumsum([int(row["hit_barricade"]) for row in rows]) for rows in trainings]
+        shares = [[100 * chosen_share([row]) for row in rows] for rows in trainings]
+        episodes = BLOCK * np.arange(1, len(hits[0]) + 1)
+        for axes, curves in ((collisions, hits), (choices, shares)):
+            for curve in curves:
+                axes.plot(episodes, curve, color=color, alpha=0.35, linewidth=1)
+            axes.plot(episodes, np.mean(curves, axis=0), color=color, linewidth=2, label=label)
+    label_axes(collisions, "training episode", "collisions with the barricade so far")
+    label_axes(choices, "training episode", "greedy choices of the closed lane, %")
+    collisions.legend(frameon=False)
+    for axes in (collisions, choices):
+        axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
     return figure
-
-
-def _draw_learning(axes: "Axes", rows: Sequence[Row], color: str, label: str) -> None:
-    """Draw the cumulative number of collisions with the barricade.
-
-    A thin line is one training, the bold line is the mean.
-    """
-    seeds = grouped(rows, itemgetter("seed"))
-    runs = [np.cumsum([row["hit"] == "barricade" for row in own]) for own in seeds.values()]
-    episodes = np.arange(1, len(runs[0]) + 1)
-    for run in runs:
-        axes.plot(episodes, run, color=color, alpha=0.35, linewidth=1)
-    axes.plot(episodes, np.mean(runs, axis=0), color=color, linewidth=2, label=label)
-
-
-def _draw_trained(axes: "Axes", rows: Sequence[Row], bar: tuple[int, str, str]) -> None:
-    """Draw the share of proposals to enter the closed lane: one dot per driver, a bar for the mean.
-
-    ``bar`` is the bar's position, label and colour. The text below the bar says in how many
-    episodes the ego hit something.
-    """
-    place, label, color = bar
-    shares = [
-        100
-        * sum(int(row["barricade_proposals"]) for row in own)
-        / sum(int(row["decisions"]) for row in own)
-        for own in grouped(rows, itemgetter("seed")).values()
-    ]
-    hits = sum(row["hit"] not in ("", "by vehicle") for row in rows)
-    axes.bar(place, float(np.mean(shares)), width=0.6, color=color, alpha=0.35)
-    axes.plot([place] * len(shares), shares, "o", color=color)
-    axes.set_xticks([*range(place + 1)])
-    names = [name.get_text() for name in axes.get_xticklabels()][:place]
-    axes.set_xticklabels([*names, f"{label}\nhit something in\n{hits} of {len(rows)} episodes"])
 
 
 BARRICADE = Program(
     name="barricade",
-    meaning="learning beside a closed lane, with the check and without",
-    row="an episode of a training, or of the driver that it trained",
+    meaning="learning beside a closed lane, with the check and without (Fig. 1a)",
+    row="a hundred episodes of a training, or of the driver that it trained",
     plan=barricade_plan,
     derived={},
-    tables={},
+    tables={"barricade": barricade_table},
     figures={"barricade": barricade_figure},
 )
