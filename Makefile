@@ -20,7 +20,7 @@ demo: setup
 	    --vehicles $(DENSITIES) --episodes 20 --jobs 2 --out $(DEMO)/evaluation.csv
 	$(BIN)/drl-av figures $(DEMO)/evaluation.csv --out $(DEMO)
 	$(BIN)/drl-av replay $(DEMO)/driver --vehicles 15 --seed 10 --decisions 60 --video $(DEMO)/drive.mp4
-	@echo "See $(DEMO)/mean_speed.png and $(DEMO)/drive.mp4"
+	@echo "See $(DEMO)/mean_speed.png, $(DEMO)/gain.png and $(DEMO)/drive.mp4"
 
 lint: setup
 	$(BIN)/ruff check .

@@ -1,16 +1,20 @@
 """The verb ``figures``: draws the paper's figures from tables and runs."""
 
 import argparse
+import dataclasses
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
 from drl_av.drivers.groups import trainings_of
-from drl_av.errors import ConfigError, pluralize
+from drl_av.errors import ConfigError, DrlAvError, pluralize
 from drl_av.evaluation.figure_style import COLUMNS_IN
+
+if TYPE_CHECKING:
+    from drl_av.evaluation.statistics import PairedGain
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +56,7 @@ def figures(options: argparse.Namespace) -> int:
     """
     from drl_av.evaluation.figure_style import add_title, fit_columns
     from drl_av.evaluation.figures import (
+        gain_figure,
         learning_figure,
         profile_figure,
         reward_figure,
@@ -77,9 +82,11 @@ def figures(options: argparse.Namespace) -> int:
         _require_distinct(rows)
         checks = ((row.get("group") or row["driver"], row["safety_check"]) for row in rows)
         title = title_of(checks)
-        for name, draw in (("mean_speed", speed_figure), ("speed_profile", profile_figure)):
-            figures[name] = draw(rows)
-            add_title(figures[name], title)
+        figures |= {"mean_speed": speed_figure(rows), "speed_profile": profile_figure(rows)}
+        if gains := _gains(tables):
+            figures["gain"] = gain_figure(gains)
+        for figure in figures.values():
+            add_title(figure, title)
     if every_run:
         figures["learning"] = learning_figure(runs, groups)
         named = [(run.name, run) for run in runs]
@@ -139,6 +146,36 @@ def _rows_of(table: Path) -> list[dict[str, Any]]:
     columns = {name: kind for name, kind in more.items() if name in header}
     rows = read_table(table, EPISODE_COLUMNS | columns)
     return [{"safety_check": "unknown", **row} for row in rows]
+
+
+def _gains(tables: Iterable[Path]) -> "Sequence[PairedGain]":
+    """Return the gains over the fastest rule-based driver in tables that ``evaluate`` wrote.
+
+    Empty without a rule-based driver and another one, if the drivers did not drive the same traffic
+    (a line says so), or if a table lacks a column that ``evaluate`` writes.
+    """
+    from drl_av.drivers.registry import baselines
+    from drl_av.env.metrics import EpisodeResult
+    from drl_av.evaluation.statistics import gains_over_fastest
+    from drl_av.files import column_types, read_table
+
+    types, results = column_types(EpisodeResult), list[EpisodeResult]()
+    required = {
+        each.name
+        for each in dataclasses.fields(EpisodeResult)
+        if each.default is dataclasses.MISSING
+    }
+    for table in tables:
+        header = read_table(table)[0].keys()
+        if not required <= header:
+            return []
+        columns = {name: kind for name, kind in types.items() if name in header}
+        results += [EpisodeResult(**row) for row in read_table(table, columns)]
+    try:
+        return gains_over_fastest(results, baselines(row.driver for row in results))
+    except DrlAvError as error:
+        print(f"The gain over the rules is not drawn: {error}")
+        return []
 
 
 def _require_distinct(rows: Iterable[Mapping[str, Any]]) -> None:

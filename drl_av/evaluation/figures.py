@@ -16,7 +16,13 @@ from drl_av.env.reward import gap_reward, lateral_reward, speed_reward
 from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import performance_profile
 from drl_av.evaluation.figure_style import legend_of_names, one_panel, panels
-from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval, moving_average
+from drl_av.evaluation.statistics import (
+    Mean,
+    PairedGain,
+    grouped,
+    mean_with_interval,
+    moving_average,
+)
 from drl_av.files import PlainNumber, read_table
 
 if TYPE_CHECKING:
@@ -193,6 +199,21 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
     banded = [driver for driver, trainings in drivers.items() if _is_group(driver, trainings)]
     legend_of_names(axes, curves_by_density(axes, means, lowest=0.0, banded=banded))
+    return figure
+
+
+def gain_figure(gains: Iterable[PairedGain]) -> "Figure":
+    """Draw gains in mean speed over the fastest rule-based driver, with their 95 % intervals.
+
+    The gains are paired by traffic, so that their intervals are far smaller than the differences
+    between those of ``speed_figure``. There is one curve for each driver; zero is the rule.
+    """
+    means: dict[str, dict[int, Mean]] = {}
+    for gain in gains:
+        means.setdefault(gain.driver, {})[gain.vehicles] = gain.difference_m_s
+    figure, axes = one_panel("vehicles around the ego", "gain over the fastest rule, m/s")
+    axes.axhline(0.0, color="#555555", linewidth=1)
+    legend_of_names(axes, curves_by_density(axes, means))
     return figure
 
 

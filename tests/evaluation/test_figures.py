@@ -10,18 +10,21 @@ from runs import error_message
 
 from drl_av.cli import main
 from drl_av.config import Config
+from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.figure_style import save_figure
 from drl_av.evaluation.figures import (
     STYLES,
+    gain_figure,
     learning_figure,
     profile_figure,
     reward_figure,
     speed_figure,
     styles_of,
 )
-from drl_av.evaluation.statistics import moving_average
-from drl_av.evaluation.table import require_values
+from drl_av.evaluation.statistics import gains_over_fastest, moving_average
+from drl_av.evaluation.table import require_values, results_of
+from drl_av.files import read_table, write_table
 
 HEADER = "driver,vehicles,mean_speed_m_s\n"
 
@@ -33,6 +36,42 @@ def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
     assert set(curves) == {"idm", "mine"}
     assert curves["idm"].get_xdata().tolist() == pytest.approx([5, 30], abs=0.1)
     assert curves["idm"].get_ydata().tolist() == [21.0, 18.0]
+
+
+def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["evaluate", "idm", "gap-mobil", "pretrained", "--vehicles", "3", "5", "--out"]
+    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 4\n")
+    assert main([*words, "rows.csv", "--episodes", "2", "--config", "short.toml"]) == 0
+    rows = read_table(here / "rows.csv")
+    for row in rows:  # 20 m/s in the first traffic, 30 in the second; the rule idm is slower by 3
+        first = row["seed"] == rows[0]["seed"]
+        gain = {"idm": -3.0, "gap-mobil": 0.0, "pretrained": 0.5 if first else 0.7}[row["driver"]]
+        row["mean_speed_m_s"] = (20.0 if first else 30.0) + gain
+    write_table(here / "set.csv", rows[0], rows)
+    assert main(["figures", "set.csv", "--out", "drawn"]) == 0
+    assert (here / "drawn" / "gain.png").is_file()
+    gains = gains_over_fastest(
+        results_of(read_table(here / "set.csv"), EpisodeResult),
+        ["idm", "gap-mobil"],
+    )
+    [axes] = gain_figure(gains).axes
+    [curve] = axes.containers
+    assert curve.get_label() == "pretrained"
+    assert curve.lines[0].get_ydata().tolist() == pytest.approx([0.6, 0.6])
+    # half of 0.2 m/s times 12.706; over the speeds it would be 63 m/s
+    ends = curve.lines[2][0].get_segments()[0][:, 1]
+    assert (ends - 0.6).tolist() == pytest.approx([-1.2706, 1.2706], abs=1e-4)
+    capsys.readouterr()
+    # the rule and the driver in different traffic
+    write_table(here / "apart.csv", rows[0], [r for r in rows if r is not rows[0]])
+    assert main(["figures", "apart.csv", "--out", "apart"]) == 0
+    assert "not drawn: " in capsys.readouterr().out
+    assert sorted(path.name for path in (here / "apart").iterdir()) == [
+        "mean_speed.png",
+        "speed_profile.png",
+    ]
 
 
 def test_the_profile_falls_at_each_speed_of_the_driver() -> None:
