@@ -159,11 +159,14 @@ def _report(
 ) -> Iterator[Progress]:
     """Do trainings that report rows; add the rows to the table while they train."""
 
+    unread = [*trainings]
+
     def collect() -> None:
         with report_corrupt_table(table.path):
-            for rows in trainings:
+            for rows in unread:
                 table.add(*rows.reported())
-        _note_wall_times([rows.job for rows in trainings], table)
+        _note_wall_times([rows.job for rows in unread], table)
+        unread[:] = [rows for rows in unread if _missing_rows(rows, table)]
 
     begun = [rows.job.origin for rows in trainings if rows.job.begun and rows.job.origin]
     _require_drivers(begun, table)
