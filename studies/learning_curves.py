@@ -49,8 +49,8 @@ EPISODES = {
     "paper": 10 * (10_000,),
     "permit_all": (10_000, *9 * (3000,)),
     "prioritized": (10_000, *9 * (3000,)),
-    "mixed_paper": 6 * (10_000,),
-    "mixed_permit_all": 6 * (10_000,),
+    "mixed_paper": 10 * (10_000,),
+    "mixed_permit_all": 10 * (10_000,),
 }
 """The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
 number is raised."""
