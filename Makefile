@@ -5,6 +5,7 @@ DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
 .PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 level_2 results clean
+.PHONY: pretrained-merge
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -63,6 +64,11 @@ pretrained-paper: setup
 	$(BIN)/drl-av train --preset paper --traffic calm --out runs/pretrained-paper
 	cd runs/pretrained-paper && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/paper/
+
+# The driver of the on-ramp, trained again in the twin (half an hour).
+pretrained-merge: setup
+	$(BIN)/drl-av train --preset large-merge --out runs/$@
+	cd runs/$@ && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/merge/
 
 # The level-k drivers of the traffic, trained again among drivers of one level less (minutes).
 level_1 level_2: setup

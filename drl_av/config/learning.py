@@ -126,7 +126,7 @@ class PpoConfig(Section):
     hard_brake_cost: cost of a decision to brake hard (ours)
     short_headway_cost: cost of a decision that ends with a headway below 1 s (ours)
     forced_brake_cost: cost of a decision in which a lane change makes the rear vehicle brake (ours)
-    collision_cost: cost of a collision (ours)
+    collision_cost: cost of a collision, or of a missed exit (ours)
     """
 
     decisions: int = setting(20_000_000, low=1, high=10**10)

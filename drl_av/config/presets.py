@@ -44,34 +44,39 @@ PRESETS: dict[str, Config] = {
     .updated("traffic", presets=SINGLE_PRESETS, vehicles_max=40),
     "literal": from_sections(LITERAL),
 }
-_FAST_ON_RAMPS = {
-    "episodes": 800,
-    "evaluate_every": 80,
-    "target_update_episodes": 8,
-    "unsafe_penalty": 0.1,
-}
-"""Settings of the preset ``fast`` on roads with ramps.
 
-A training there has four times as many episodes as on the loop, because an episode has about a
-quarter of the decisions. If the ego has to reach an exit, it has ten times as many episodes. The
-penalty is smaller, because the safety check often refuses a lane change that the ego needs in order
-to follow its route, and the driver has to propose it again.
-"""
-_FAST_TO_EXITS = _FAST_ON_RAMPS | {"episodes": 2000, "permitted_only": True}
-for _scenario, _fast in {
-    "merge": _FAST_ON_RAMPS,
-    "exit": _FAST_TO_EXITS,
-    "ramp_to_ramp": _FAST_TO_EXITS,
-}.items():
-    for _name, _learning in (("paper", {}), ("fast", _fast)):
-        PRESETS[f"{_name}-{_scenario}"] = (
-            PRESETS[_name]
-            .with_traffic("calm")
-            .updated("simulation", scenario=_scenario)
-            .updated("observation", way=True)
-            .updated("safety", check="strict")
-            .updated("learning", **_learning)
-        )
+
+def _with_ramps(name: str, scenario: str) -> Config:
+    """Return a preset on a road with ramps, whose lanes the driver observes, under ``strict``."""
+    return (
+        PRESETS[name]
+        .with_traffic("calm")
+        .updated("simulation", scenario=scenario)
+        .updated("observation", way=True)
+        .updated("safety", check="strict")
+    )
+
+
+for _scenario in ("merge", "exit", "ramp_to_ramp"):
+    PRESETS[f"paper-{_scenario}"] = _with_ramps("paper", _scenario)
+PRESETS["large-merge"] = (
+    _with_ramps("large", "merge")
+    .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
+    .updated("ppo", decisions=3_000_000, collision_cost=100.0)
+)
+for _scenario in ("exit", "ramp_to_ramp"):
+    PRESETS[f"fast-{_scenario}"] = _with_ramps("fast", _scenario).updated(
+        "learning",
+        episodes=2000,
+        evaluate_every=80,
+        target_update_episodes=8,
+        unsafe_penalty=0.1,
+        permitted_only=True,
+    )
+"""A training there has ten times as many episodes as on the loop, because an episode has about a
+quarter of the decisions, and the ego has to reach an exit. The penalty is smaller, because the
+safety check often refuses a lane change that the ego needs in order to follow its route, and the
+driver has to propose it again."""
 
 
 def preset(name: str) -> Config:

@@ -72,8 +72,8 @@ def actor_driver(
 ) -> MaskedPolicyDriver:
     """Return the driver of a training at scale for an environment with this config and check.
 
-    A driver that was trained under ``strict`` warns of another check, and each one of a road whose
-    lanes end or leave, because it was trained on a loop.
+    A driver that was trained under ``strict`` warns of another check, and one that was trained
+    without ``observation.way`` of a road whose lanes end or leave.
 
     Raises:
         RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
@@ -94,7 +94,7 @@ def actor_driver(
             stacklevel=2,
         )
     road = load_scenario(find_scenario(config.simulation.scenario)).road
-    if road.partial_lanes:
+    if road.partial_lanes and not own.observation.way:
         warnings.warn(
             f"{name} was trained on a loop and does not see where a lane ends or leaves, as on "
             f"{config.simulation.scenario}: it may stand at the end of its lane; gap-mobil and "

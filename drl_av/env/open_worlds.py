@@ -44,12 +44,15 @@ def exchange_vehicles(
     end_m = net.edges_m[EDGE_BEGIN, -1] + net.edges_m[EDGE_LENGTH, -1]
     left = sorted({*range(world.near[COUNT])} - {*kept})
     left = [row for row in left if world.x[FRONT_M, row] < end_m]
-    keep_vehicles(world, [*kept, *left])
+    rows = [*kept, *left]
+    if rows != [*range(world.near[COUNT])]:
+        keep_vehicles(world, rows)
     for vehicle in entering:
         add_vehicles(world, net, vehicle, np.zeros(1, np.int64), fleet.scenario, fleet.config)
-    if left:
-        rows, gone = np.arange(world.near[COUNT]), len(kept) + np.arange(len(left))
-        keep_vehicles(world, [*np.delete(rows, gone), *gone])
+    if left and entering:
+        present = [*range(world.near[COUNT])]
+        gone = slice(len(kept), len(rows))
+        keep_vehicles(world, present[: gone.start] + present[gone.stop :] + present[gone])
     sort_and_activate(world, net)
 
 

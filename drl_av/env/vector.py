@@ -115,6 +115,8 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self.vehicles = np.zeros(count, np.int64)
         """The vehicles besides the ego in each world."""
         self._over = np.ones(count, np.bool_)
+        self.kept: dict[int, Sequence[int]] = {}
+        """The former rows of the vehicles that stay, by world, where some have entered or left."""
         self._rows, self.ways = np.arange(count), np.full(count, "", dtype=object)
         """The outcome of each ego's route."""
         self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
@@ -188,8 +190,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         goes_on = ~begins | self._is_fork
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
         late = self.episodes.decisions >= self.config.simulation.decisions_per_episode
-        ends = self.episodes.scene[:, 0, 0] >= self.road.end_m
-        truncated = (late | ends) & goes_on
+        truncated = (late | (self.episodes.scene[:, 0, 0] >= self.road.end_m)) & goes_on
         r_v, r_y, r_x = self.episodes.terms.T
         rewards = (r_v + r_y + r_x) / 3
         rewards[terminated] = self.config.reward.collision_reward
@@ -370,18 +371,17 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             return
         net, fleets = self.task.net, self._open.fleets
         for row in rows.tolist():
-            y_m = self.episodes.scene[row, 1]
-            request_random_changes(self.world(row), net, fleets[row], y_m)
+            request_random_changes(self.world(row), net, fleets[row], self.episodes.scene[row, 1])
         self._decide_all(rows, proposed)
-        changed = []
+        self.kept.clear()
         for row in rows.tolist():
             exchanged = leaving_and_entering(self.world(row), fleets[row], self.episodes.scene[row])
             if exchanged is not None:
                 self._make_room(int(self.worlds.near[row, COUNT]) + len(exchanged[1]), 0)
                 exchange_vehicles(self.world(row), net, fleets[row], *exchanged)
                 self.vehicles[row] = len(fleets[row].ids) - 1
-                changed.append(row)
-        look_all(self.worlds, self.episodes, self.task, np.array(changed, np.int64))
+                self.kept[row] = exchanged[0]
+        look_all(self.worlds, self.episodes, self.task, np.array([*self.kept], np.int64))
 
     def _decide_all(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, divided over the threads."""

@@ -9,7 +9,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.wide_observation import WIDE_SIZE, wide_observation
 from drl_av.env.twin_episodes import Episodes, Task
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.twin.worlds import COUNT, IntArray
+from drl_av.twin.worlds import IntArray
 
 Float32Array = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
@@ -50,7 +50,7 @@ def most_probable_actions(layers: Layers, worlds: TwinVectorEnv) -> IntArray:
     n = worlds.num_envs
     observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
     permitted = np.zeros((n, len(ACTIONS)), np.bool_)
-    count = worlds.worlds.near[:, COUNT].copy()
-    look_wide(worlds.episodes, worlds.task, np.arange(n), count, observed, permitted)
+    seen = worlds.vehicles + 1, observed, permitted
+    look_wide(worlds.episodes, worlds.task, np.arange(n), *seen)
     logits = np.where(permitted, forward(layers, observed)[1], -np.inf)
     return np.asarray(logits.argmax(axis=1), np.int64)

@@ -192,21 +192,8 @@ class Training:
 
     def _draw_vehicles(self) -> int | None:
         """Draw the number of other vehicles at the start of an episode; None: its seed decides."""
-        most = self._most_on_open_road
+        most = self._env.simulation.fleet.most_in_training
         return None if most is None else int(self._rng.integers(most + 1))
-
-    @property
-    def _most_on_open_road(self) -> int | None:
-        """Most other vehicles at the start of an episode on an open road; otherwise None.
-
-        On a loop the settings say how many, and some scenarios place their vehicles. It is twice
-        the number that corresponds to the inflow, as far as there is room, so that the driver
-        learns in every density (ours).
-        """
-        fleet = self._env.simulation.fleet
-        if fleet.default_vehicle_count is None or fleet.placed is not None:
-            return None
-        return min(2 * fleet.default_vehicle_count, fleet.capacity)
 
     @property
     def _gradient_steps(self) -> int:
@@ -229,9 +216,10 @@ class Training:
         The traffic is the same in each evaluation. The numbers of vehicles are evenly spaced from
         the smallest to the largest number in the training.
         """
-        traffic, most = self.config.traffic, self._most_on_open_road
+        traffic, fleet = self.config.traffic, self._env.simulation.fleet
+        most = fleet.most_in_training
         ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)
-        if (placed := self._env.simulation.fleet.placed) is not None:
+        if (placed := fleet.placed) is not None:
             ends = placed, placed
         numbers = np.linspace(*ends, self._config.evaluation_episodes).round()
         results = [

@@ -24,12 +24,14 @@ from drl_av.drivers.policy_file import save
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
 from drl_av.driving.wide_observation import MOST, WIDE_SIZE
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
+from drl_av.env.route_outcome import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.files import append_rows, table_bytes
 from drl_av.scenarios.folder import find_scenario, load_scenario
-from drl_av.twin.worlds import COUNT, IntArray
+from drl_av.simulation.fleet import Fleet
+from drl_av.twin.worlds import IntArray
 
 Float32Array = npt.NDArray[np.float32]
 FloatArray = npt.NDArray[np.float64]
@@ -50,13 +52,28 @@ class Part:
         )
         self.env.reset(seed=seed + rows.start)
         self._trend = np.zeros(self.env.num_envs, np.int64)
+        scenario = load_scenario(find_scenario(config.simulation.scenario))
+        self._most, self._rng = (
+            Fleet(scenario, config).most_in_training,
+            np.random.default_rng(seed),
+        )
 
     def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
-        """Execute one action in each world; return the rewards, and which egos hit and are late."""
+        """Execute one action in each world.
+
+        Returns:
+            The rewards; which egos hit something or missed their exit; and which episodes are over
+            without that.
+        """
         env, costs, (origin, target) = self.env, self._costs, self.env.episodes.lanes.T.copy()
-        before_m_s = env.episodes.scene[:, 2].copy()
+        was_m_s = env.episodes.scene[:, 2].copy()
         _, _, terminated, truncated, info = env.step(action)
         executed, speed, values = info["executed_action"], info["speed_m_s"], env.episodes.values
+        before_m_s = env.episodes.scene[:, 2].copy()
+        before_m_s[:, : was_m_s.shape[1]] = was_m_s
+        for row, kept in env.kept.items():
+            before_m_s[row] = env.episodes.scene[row, 2]  # one that has entered has not braked
+            before_m_s[row, : len(kept)] = was_m_s[row, kept]
         reward = (speed - MIDDLE_M_S) / SPAN_M_S
         aborts = (origin != target) & (SIDES[executed // 4] == origin - target)
         change = speed - before_m_s[:, 0]
@@ -72,14 +89,22 @@ class Part:
         reward -= costs.abort_cost * aborts + costs.reversal_cost * reversals
         reward -= costs.hard_brake_cost * (executed % 4 == HARD_BRAKE)
         reward -= costs.short_headway_cost * is_short + costs.forced_brake_cost * forced
-        reward -= costs.collision_cost * terminated
-        return reward.astype(np.float32), terminated, truncated & ~terminated
+        failed = terminated | ((info["way"] == EXIT_MISSED) & ~truncated)
+        reward -= costs.collision_cost * failed
+        return reward.astype(np.float32), failed, truncated & ~failed
 
     def begin_anew(self, worlds: Flags) -> None:
         """Begin a new episode in some worlds, bool of shape (worlds,)."""
-        if worlds.any():
+        if not worlds.any():
+            return
+        self._trend[worlds] = 0
+        if self._most is None:
             self.env.reset(options={"reset_mask": worlds})
-            self._trend[worlds] = 0
+            return
+        for world in np.flatnonzero(worlds):
+            vehicles = int(self._rng.integers(self._most + 1))
+            mask = np.arange(self.env.num_envs) == world
+            self.env.reset(options={"reset_mask": mask, "vehicles": vehicles})
 
 
 class TwinWorlds(VecEnv):
@@ -130,7 +155,7 @@ class TwinWorlds(VecEnv):
         """Update the observations and the masks of some worlds of one part."""
         env = part.env
         seen = self.observation[part.rows], self.permitted[part.rows]
-        look_wide(env.episodes, env.task, worlds, env.worlds.near[:, COUNT].copy(), *seen)
+        look_wide(env.episodes, env.task, worlds, env.vehicles + 1, *seen)
 
     def reset(self) -> Float32Array:
         """Return the present observations, shape (W, S); the episodes go on."""
@@ -219,16 +244,18 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
     with the same versions. A training that is stopped leaves the policy of its last twentieth part.
 
     Raises:
-        ConfigError: ``simulation.world`` is not the twin, or the road is open.
+        ConfigError: ``simulation.world`` is not the twin, the twin cannot do what the settings ask,
+            or ``observation.way`` is missing on a road whose lanes end or leave.
         RunError: the folder exists and is not empty, or cannot be made.
         CheckpointError: the policy cannot be written.
     """
     if config.simulation.world != "twin":
         raise ConfigError('PPO at scale trains in the twin: set simulation.world = "twin".')
-    if not load_scenario(find_scenario(config.simulation.scenario)).road.is_loop:
+    road = load_scenario(find_scenario(config.simulation.scenario)).road
+    if road.partial_lanes and not config.observation.way:
         raise ConfigError(
-            "PPO at scale trains on a loop, and does not see where lanes end: take a loop, or a "
-            "preset of Algorithm 1, with --world twin."
+            f"Lanes end or leave on {config.simulation.scenario}: set observation.way = true, as "
+            "the preset large-merge does."
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists already: choose another folder with --out.")

@@ -107,6 +107,18 @@ class Fleet:
             return self.placed
         return vehicles_of_flow(self._start, self.config.traffic)
 
+    @property
+    def most_in_training(self) -> int | None:
+        """Most other vehicles at the start of an episode of a training on an open road.
+
+        It is twice the default number, as far as there is room, so that a driver learns in every
+        density (ours). None on a loop, where the settings say how many, and where the scenario
+        places its vehicles.
+        """
+        if self._start is None or self.placed is not None:
+            return None
+        return min(2 * vehicles_of_flow(self._start, self.config.traffic), self.capacity)
+
     def draw(self, seed: int, vehicles: int) -> None:
         """Draw the vehicles of an episode from its seed: the ego and ``vehicles`` others.
 

@@ -312,10 +312,10 @@ def add_vehicles(
 def keep_vehicles(world: World, rows: Sequence[int]) -> None:
     """Remove all vehicles but those in ``rows``, which are then in this order, still unsorted."""
     x, z, n, kept = world.x, world.z, int(world.near[COUNT]), len(rows)
-    new_row = np.full(n, -1)
-    new_row[rows] = np.arange(kept)
+    old_row, new_row = np.array(rows), np.full(n, -1)
+    new_row[old_row] = np.arange(kept)
     order = new_row[z[ORDER, :n]]
-    x[:, :kept], z[:, :kept] = x[:, rows], z[:, rows]
+    x[:, :kept], z[:, :kept] = x.take(old_row, 1), z.take(old_row, 1)
     z[ORDER, :kept] = order[order >= 0]
     world.near[COUNT] = kept
 

@@ -50,7 +50,7 @@ class ScriptedEnv:
 
     road = ROAD
     scene = ALONE
-    simulation = SimpleNamespace(fleet=SimpleNamespace(default_vehicle_count=None, placed=None))
+    simulation = SimpleNamespace(fleet=SimpleNamespace(most_in_training=None, placed=None))
 
     def __init__(self, script: list[Step], config: Config, tape: list[str]) -> None:
         self.script, self.config, self.tape = script, config, tape
@@ -360,23 +360,17 @@ def test_training_never_meets_the_traffic_of_an_evaluation(driven: Driven) -> No
     assert (again[0][1], again[-1][1]) == (1, 30)
 
 
-@pytest.mark.parametrize(("capacity", "most"), [(30, 10), (8, 8)])
-def test_on_an_open_road_episodes_begin_with_none_to_twice_as_many_vehicles_as_the_flow_has(
-    capacity: int, most: int
-) -> None:
+def test_on_an_open_road_episodes_begin_with_every_number_of_vehicles_up_to_the_most() -> None:
     training, env, *_ = story([QUIET], episodes=200)
-    fleet = SimpleNamespace(default_vehicle_count=5, placed=None, capacity=capacity)
-    env.simulation = SimpleNamespace(fleet=fleet)
+    env.simulation = SimpleNamespace(fleet=SimpleNamespace(most_in_training=8, placed=None))
     for _ in range(200):
         training.run_episode()
-    assert {options["vehicles"] for options in env.options} == set(range(most + 1))
+    assert {options["vehicles"] for options in env.options} == set(range(9))
 
 
 def test_where_the_scenario_places_the_vehicles_each_episode_has_these(driven: Driven) -> None:
     training, env, *_ = story([QUIET], episodes=3)
-    env.simulation = SimpleNamespace(
-        fleet=SimpleNamespace(default_vehicle_count=4, placed=4, capacity=30)
-    )
+    env.simulation = SimpleNamespace(fleet=SimpleNamespace(most_in_training=None, placed=4))
     training.run_episode()
     training.evaluate()
     assert env.options == [None]

@@ -21,6 +21,7 @@ LARGE = (
     .updated("simulation", decisions_per_episode=6)
     .updated("traffic", presets=("calm", "overtaking"), vehicles_min=2, vehicles_max=5)
 )
+TO_THE_EXIT = PRESETS["large-merge"].updated("simulation", scenario="exit")
 KEEP, ACCELERATE, HARD_BRAKE = 0, 1, 3
 RIGHT_ACCELERATE, RIGHT_HARD_BRAKE, LEFT_ACCELERATE = 5, 7, 9
 """The numbers of some actions."""
@@ -129,6 +130,86 @@ def test_episodes_end_at_different_times_and_hand_over_their_last_observation(
         ends.append(dones)
     assert np.sum(ends, axis=0).tolist() == [2] * 8  # 12 decisions are two episodes of 6
     assert len({tuple(column) for column in np.transpose(ends)}) > 1
+
+
+@pytest.fixture(scope="module")
+def egos_at_the_exit() -> TwinWorlds:
+    """Egos that begin on the left, and that keep their lane miss the exit."""
+    settings = TO_THE_EXIT.updated("traffic", presets=("calm",))
+    return TwinWorlds(settings.updated("ppo", worlds=6), seed=3)
+
+
+def test_on_an_open_road_the_driver_sees_the_vehicles_of_its_episode_and_its_way(
+    egos_at_the_exit: TwinWorlds,
+) -> None:
+    [part] = egos_at_the_exit.parts
+    env, ahead, gone = part.env, 0, 0
+    for _ in range(6):
+        egos_at_the_exit.step(np.zeros(6, np.int64))
+        for row in range(6):
+            scene = env.scene(row)
+            wide = observe_wide(scene.snapshot, env.road, 250.0, 30.0, scene.lanes)
+            observed = egos_at_the_exit.observation[row]
+            assert observed[:WIDE_SIZE].tobytes() == wide.tobytes()
+            ahead += observed[EGO_AT + 10] < 0  # lane changes to the right remain
+            gone += env.worlds.near[row, COUNT] > len(scene.snapshot.ids)
+    assert ahead > 0
+    assert gone > 0  # vehicles that have left drive on in the twin, unseen
+
+
+def test_every_density_up_to_twice_the_usual_one_is_driven(egos_at_the_exit: TwinWorlds) -> None:
+    [part] = egos_at_the_exit.parts
+    numbers = set[int]()
+    for _ in range(12):
+        part.begin_anew(np.ones(6, np.bool_))
+        numbers |= {*part.env.vehicles.tolist()}
+    usual = 75  # for the inflow of the scenario exit
+    assert min(numbers) < 0.3 * usual
+    assert 1.7 * usual < max(numbers) <= 2 * usual
+
+
+def test_braking_behind_the_ego_is_that_of_the_same_vehicle_after_others_have_left() -> None:
+    settings = TO_THE_EXIT.updated("safety", check="permit_all")
+    part, costs = Part(slice(0, 12), settings.with_traffic("calm"), seed=3), settings.ppo
+    env, forced, moved = part.env, 0, 0
+    for decision in range(120):
+        before = [env.scene(row) for row in range(12)]
+        action = RIGHT_ACCELERATE if decision // 8 % 2 else LEFT_ACCELERATE
+        aside = np.where(env.episodes.executed[:, action] == action, action, KEEP)
+        reward, failed, late = part.step(aside)
+        for row in np.flatnonzero(~failed & ~late):
+            then, now = before[row], env.scene(row)
+            rear = now.affordances.own_rear
+            if rear is None or (then.lane_change is None and now.lane_change is None):
+                continue
+            name = now.snapshot.ids[rear.vehicle]
+            if name not in then.snapshot.ids:
+                continue
+            former = then.snapshot.ids.index(name)
+            moved += former != rear.vehicle
+            lost_m_s = then.snapshot.speed_m_s[former] - now.snapshot.speed_m_s[rear.vehicle]
+            if lost_m_s > 2.0:
+                speed_m_s = float(now.snapshot.speed_m_s[0])
+                assert reward[row] <= (speed_m_s - 20.0) / 10.0 - costs.forced_brake_cost + 1e-5
+                forced += 1
+        part.begin_anew(failed | late)
+    assert forced > 0
+    assert moved > 0
+
+
+def test_a_missed_exit_ends_the_episode_like_a_collision(egos_at_the_exit: TwinWorlds) -> None:
+    [part] = egos_at_the_exit.parts
+    part.begin_anew(np.ones(6, np.bool_))
+    missed = 0
+    for _ in range(120):
+        faster = part.env.episodes.executed[:, ACCELERATE] == ACCELERATE
+        reward, failed, late = part.step(np.where(faster, ACCELERATE, KEEP))
+        assert (failed == (part.env.ways == "exit missed") & ~late).all()
+        assert (reward[failed] <= -99.0).all()  # 100, less at most 1 for the speed
+        assert (reward[~failed] > -4.0).all()
+        missed += int(failed.sum())
+        part.begin_anew(failed | late)
+    assert missed > 6
 
 
 def test_the_same_seed_gives_the_same_worlds() -> None:

@@ -1,16 +1,20 @@
 """The vehicles of an open road: where they start, who enters, and who leaves."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.config import Config, EgoConfig, TrafficConfig
 from drl_av.errors import ScenarioError
 from drl_av.road.road import SpeedLimit
+from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.layout import OpenStart
+from drl_av.scenarios.road_types import ROAD_TYPES
+from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.inflow import (
     Inflow,
     Last,
@@ -173,3 +177,19 @@ def test_one_vehicle_starts_as_fast_as_it_would_among_others(
     gaps_m = np.array([gap_m, np.inf])
     [one, _] = safe_speeds(speeds, np.array([headway_s, 0.5]), gaps_m, np.array([1, 1]))
     assert safe_speed(desired, headway_s, gap_m, ahead) == pytest.approx(one, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("flow_per_h", "gap_m", "most"),
+    [
+        (500.0, 8.0, 64),  # 3 lanes of 1,555 m at 20 m/s: 32 vehicles
+        (1000.0, 8.0, 130),
+        (1500.0, 30.0, 131),  # 97 by the flow; 44 fit in a lane, and one of all is the ego
+    ],
+)
+def test_a_training_begins_with_up_to_twice_the_vehicles_of_the_flow_that_have_room(
+    flow_per_h: float, gap_m: float, most: int, tmp_path: Path
+) -> None:
+    write_scenario(tmp_path / "road", ROAD_TYPES["merge"].description(flow_per_h=flow_per_h))
+    config = Config().with_traffic("calm").updated("traffic", start_gap_m=gap_m)
+    assert Fleet(load_scenario(tmp_path / "road"), config).most_in_training == most

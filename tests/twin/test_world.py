@@ -138,7 +138,7 @@ def test_what_the_twin_cannot_do_is_refused(
     large = ["train", "--preset", "large", "--world", "sumo", "--out", str(tmp_path / "run")]
     assert main(large) == 1
     assert "PPO at scale trains in the twin" in capsys.readouterr().err
-    large[-3:-2] = ["twin", "--scenario", "straight", "--traffic", "calm"]
+    large[-3:-2] = ["twin", "--scenario", "merge", "--traffic", "calm"]
     assert main(large) == 1
-    assert "PPO at scale trains on a loop" in capsys.readouterr().err
+    assert "set observation.way = true, as the preset" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
