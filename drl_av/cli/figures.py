@@ -139,13 +139,21 @@ def _save(figures: Mapping[str, Any], out: Path) -> None:
 def _rows_of(table: Path) -> list[dict[str, Any]]:
     """Return the columns of a table that figures need; a table may lack all but EPISODE_COLUMNS."""
     from drl_av.evaluation.figures import EPISODE_COLUMNS
-    from drl_av.files import PlainNumber, read_table
+    from drl_av.files import PlainNumber
+
+    more = {"seed": PlainNumber, "group": str, "safety_check": str}
+    return [{"safety_check": "unknown", **row} for row in _read(table, EPISODE_COLUMNS, more)]
+
+
+def _read(
+    table: Path, columns: Mapping[str, Any], optional: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Read the columns of a table, by name and type, and those of ``optional`` that it has."""
+    from drl_av.files import read_table
 
     header = read_table(table)[0].keys()
-    more = {"seed": PlainNumber, "group": str, "safety_check": str}
-    columns = {name: kind for name, kind in more.items() if name in header}
-    rows = read_table(table, EPISODE_COLUMNS | columns)
-    return [{"safety_check": "unknown", **row} for row in rows]
+    present = {name: kind for name, kind in optional.items() if name in header}
+    return read_table(table, {**columns, **present})
 
 
 def _gains(tables: Iterable[Path]) -> "Sequence[PairedGain]":
@@ -157,20 +165,19 @@ def _gains(tables: Iterable[Path]) -> "Sequence[PairedGain]":
     from drl_av.drivers.registry import baselines
     from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.statistics import gains_over_fastest
-    from drl_av.files import column_types, read_table
+    from drl_av.files import column_types
 
-    types, results = column_types(EpisodeResult), list[EpisodeResult]()
+    results = list[EpisodeResult]()
     required = {
         each.name
         for each in dataclasses.fields(EpisodeResult)
         if each.default is dataclasses.MISSING
     }
     for table in tables:
-        header = read_table(table)[0].keys()
-        if not required <= header:
+        rows = _read(table, {}, column_types(EpisodeResult))
+        if not required <= rows[0].keys():
             return []
-        columns = {name: kind for name, kind in types.items() if name in header}
-        results += [EpisodeResult(**row) for row in read_table(table, columns)]
+        results += [EpisodeResult(**row) for row in rows]
     try:
         return gains_over_fastest(results, baselines(row.driver for row in results))
     except DrlAvError as error:

@@ -64,6 +64,9 @@ PRESETS["large-merge"] = (
     .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
     .updated("ppo", decisions=3_000_000, collision_cost=100.0)
 )
+# A training to an exit has ten times as many episodes as on the loop, because an episode has about
+# a quarter of the decisions. The penalty is smaller, because the safety check often refuses a lane
+# change that the ego needs in order to follow its route, and the driver has to propose it again.
 for _scenario in ("exit", "ramp_to_ramp"):
     PRESETS[f"fast-{_scenario}"] = _with_ramps("fast", _scenario).updated(
         "learning",
@@ -73,10 +76,6 @@ for _scenario in ("exit", "ramp_to_ramp"):
         unsafe_penalty=0.1,
         permitted_only=True,
     )
-"""A training there has ten times as many episodes as on the loop, because an episode has about a
-quarter of the decisions, and the ego has to reach an exit. The penalty is smaller, because the
-safety check often refuses a lane change that the ego needs in order to follow its route, and the
-driver has to propose it again."""
 
 
 def preset(name: str) -> Config:

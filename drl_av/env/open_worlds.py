@@ -64,7 +64,9 @@ class OpenWorlds:
         self._routes: dict[int, RouteOutcome] = {}
         self.fleets: dict[int, Fleet] = {}
         """The vehicles of each world."""
-        self.default_vehicle_count = Fleet(scenario, config).default_vehicle_count
+        usual = Fleet(scenario, config)
+        self.default_vehicle_count = usual.default_vehicle_count
+        self.most_in_training = usual.most_in_training
 
     def draw(self, row: int, seed: int, vehicles: int, kinds: Sequence[Config]) -> Drawn:
         """Draw the traffic of an episode in a world, as ``draw_traffic`` does on a loop."""

@@ -91,7 +91,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         self.road = self._scenario.road
         self.task = task_of(self._scenario, config)
-        self._open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
+        self.open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         self._observe = group_observation(observation, scale, config.observation)
         self.single_observation_space = self._observe.space
@@ -196,9 +196,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         rewards[terminated] = self.config.reward.collision_reward
         rewards[begins] = 0.0
         self._over = terminated | truncated
-        if self._open is not None:
+        if self.open is not None:
             for row in rows.tolist():
-                self.ways[row] = self._open.way(row, self._indicators(row), bool(self._over[row]))
+                self.ways[row] = self.open.way(row, self._indicators(row), bool(self._over[row]))
         info = self._info()
         decided = proposed, executed, rules
         info |= step_info(self.episodes, self._over, self.ways, decided, self._ids, ~begins)
@@ -226,7 +226,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             gymnasium.error.ResetNeeded: the episode is over, or none has begun.
             ConfigError: the road is open.
         """
-        if self._open is not None:
+        if self.open is not None:
             raise ConfigError(NO_FORKS)
         if self._over[world]:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
@@ -272,8 +272,8 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     def _ids(self, row: int) -> tuple[str, ...]:
         """Return the names of the vehicles in a world."""
-        if self._open is not None:
-            return self._open.fleets[row].ids
+        if self.open is not None:
+            return self.open.fleets[row].ids
         return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -318,12 +318,12 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                 generator, _ = seeding.np_random(seed)
                 self._generators[row] = generator
             seed = traffic_seed(seed, self._options, generator)
-            usual = self._open.default_vehicle_count if self._open else None
+            usual = self.open.default_vehicle_count if self.open else None
             vehicles = number_of_vehicles(self._options, seed, config.traffic, None, usual)
             self.seeds[row], self.vehicles[row] = seed, vehicles
             kinds = config.per_traffic_preset
-            if self._open is not None:
-                drawn.append(self._open.draw(row, seed, vehicles, kinds))
+            if self.open is not None:
+                drawn.append(self.open.draw(row, seed, vehicles, kinds))
             else:
                 drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
         self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
@@ -337,9 +337,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         episodes.collision[rows] = NO_CONTACT, 0
         self._over[rows] = False
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
-        if self._open is not None:
+        if self.open is not None:
             for row in rows.tolist():
-                self._open.begin(row, self._indicators(row))
+                self.open.begin(row, self._indicators(row))
         self.ways[rows] = ""
 
     def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
@@ -366,10 +366,10 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
-        if self._open is None:
+        if self.open is None:
             self._decide_all(rows, proposed)
             return
-        net, fleets = self.task.net, self._open.fleets
+        net, fleets = self.task.net, self.open.fleets
         for row in rows.tolist():
             request_random_changes(self.world(row), net, fleets[row], self.episodes.scene[row, 1])
         self._decide_all(rows, proposed)

@@ -30,7 +30,6 @@ from drl_av.env.wide_view import look_wide
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.files import append_rows, table_bytes
 from drl_av.scenarios.folder import find_scenario, load_scenario
-from drl_av.simulation.fleet import Fleet
 from drl_av.twin.worlds import IntArray
 
 Float32Array = npt.NDArray[np.float32]
@@ -52,11 +51,8 @@ class Part:
         )
         self.env.reset(seed=seed + rows.start)
         self._trend = np.zeros(self.env.num_envs, np.int64)
-        scenario = load_scenario(find_scenario(config.simulation.scenario))
-        self._most, self._rng = (
-            Fleet(scenario, config).most_in_training,
-            np.random.default_rng(seed),
-        )
+        self._most = self.env.open.most_in_training if self.env.open else None
+        self._rng = np.random.default_rng(seed)
 
     def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
         """Execute one action in each world.
