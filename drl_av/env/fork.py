@@ -1,9 +1,13 @@
 """Copies a running episode, in SUMO or in the twin, into worlds of the twin, for search."""
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 
 from drl_av.driving.scene import Scene
 from drl_av.env.episode_start import TrafficSetup
+from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.env.vector import TwinVectorEnv
@@ -24,17 +28,31 @@ from drl_av.twin.worlds import (
 
 
 def copy_episode(
-    twin: TwinVectorEnv, traffic: TrafficSetup, scene: Scene, seed: int, decisions: int
+    twin: TwinVectorEnv,
+    traffic: TrafficSetup,
+    route: RouteOutcome,
+    scene: Scene,
+    seed: int,
+    decisions: int,
 ) -> None:
     """Let the first world of ``twin`` go on from a scene after ``decisions`` decisions.
 
     ``seed`` is the traffic seed of the episode that runs in ``traffic``, whose settings are those
-    of ``twin``.
+    of ``twin``, and ``route`` is the outcome of its ego's route. Vehicles that have left an open
+    road in SUMO are not copied.
     """
     simulation, fleet = traffic.simulation, traffic.simulation.fleet
     shot, vehicles = scene.snapshot, len(scene.snapshot.ids) - 1
-    if (twin.seeds[0], twin.vehicles[0]) != (seed, vehicles):
+    if twin.open is not None:
+        if twin.seeds[0] != seed:
+            twin.reset(seed=seed, options={"vehicles": 0})
+        twin.open.fleets[0], twin.open.routes[0] = fleet.copied(None, shot.time_s), copy(route)
+        twin.vehicles[0], twin.ways[0] = vehicles, route.reached
+        twin.make_room(len(shot.ids), 0)
+    elif (twin.seeds[0], twin.vehicles[0]) != (seed, vehicles):
         twin.reset(seed=seed, options={"vehicles": vehicles})
+    if isinstance(simulation, TwinSimulation):
+        twin.make_room(simulation.world.x.shape[-1], 0)
     world, net, episodes = twin.world(0), twin.task.net, twin.episodes
     if isinstance(simulation, TwinSimulation):
         for ours, its in zip(world, simulation.world, strict=True):
@@ -43,11 +61,18 @@ def copy_episode(
         kinds = twin.config.per_traffic_preset
         where = simulation.scenario, kinds[kind_of_traffic(seed, len(kinds))]
         seen = shot, requests_of(simulation, shot.time_s), simulation.speeds_chosen()
-        copy_scene(world, net, fleet.population, fleet.driver_models, *seen, *where)
+        population = fleet.population
+        if twin.open is not None:
+            front_m = shot.s_m + shot.length_m / 2
+            lane = np.array([*map(simulation.road.lane_of, shot.y_m.tolist())])
+            population = replace(fleet.present, front_m=front_m, lane=lane)
+        copy_scene(world, net, population, fleet.driver_models, *seen, *where)
         steps = round(shot.time_s / STEP_S)
         world.near[STEP] = steps
         world.z[[REQUEST_END, TRACKED, TRACKED_LEFT]] += steps
-    world.z[DRIVER_STATE, : vehicles + 1], world.z[BRAKING, : vehicles + 1] = traffic.drivers.memory
+    if twin.open is None:  # only SUMO drives on an open road
+        state, braking = traffic.drivers.memory
+        world.z[DRIVER_STATE, : vehicles + 1], world.z[BRAKING, : vehicles + 1] = state, braking
     last = episodes.next_event[0, 1]
     episodes.next_event[0, 0] = np.searchsorted(episodes.events[0, :last, 0], decisions)
     place_ego(twin, scene, decisions)

@@ -30,7 +30,6 @@ from drl_av.env.episode_start import (
 )
 from drl_av.env.fork import copy_episode
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
-from drl_av.env.open_worlds import NO_FORKS
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
 from drl_av.env.route_outcome import COMPLETE, RouteOutcome
@@ -318,12 +317,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                 "The twin has no safety check, reward or observation of yours, and SUMO does not "
                 "drive its ego: fork an environment that was made without them."
             )
-        if not self.road.is_loop:
-            raise ConfigError(NO_FORKS)
         if self._twin is None:
             self._twin = TwinVectorEnv(config=self.config, autoreset_mode="Disabled")
         traffic = TrafficSetup(self.simulation, self.traffic_drivers)
-        copy_episode(self._twin, traffic, self.scene, self.seed, self.decisions)
+        route = self._route
+        copy_episode(self._twin, traffic, route, self.scene, self.seed, self.decisions)
         return self._twin.fork(n, seed, include_rng)
 
     def render(self) -> npt.NDArray[np.uint8] | None:

@@ -1,13 +1,14 @@
 """Worlds of an open road: the vehicles that enter and leave them, and the routes of the egos."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
 from drl_av.config import Config
 from drl_av.driving.affordances import Indicators
 from drl_av.env.route_outcome import RouteOutcome
-from drl_av.random_streams import kind_of_traffic
+from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.population import Population
@@ -16,7 +17,6 @@ from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import Drawn, add_vehicles, keep_vehicles, sort_and_activate
 from drl_av.twin.worlds import COUNT, EDGE_BEGIN, EDGE_LENGTH, FRONT_M, STEP, FloatArray, Net, World
 
-NO_FORKS = "The twin copies episodes on a loop only: take a loop."
 NO_EVENTS = np.empty((0, 3), np.int64)
 
 
@@ -61,7 +61,8 @@ class OpenWorlds:
 
     def __init__(self, scenario: Scenario, config: Config) -> None:
         self._scenario = scenario
-        self._routes: dict[int, RouteOutcome] = {}
+        self.routes: dict[int, RouteOutcome] = {}
+        """The outcome of each ego's route."""
         self.fleets: dict[int, Fleet] = {}
         """The vehicles of each world."""
         usual = Fleet(scenario, config)
@@ -75,10 +76,25 @@ class OpenWorlds:
         fleet.draw(seed, vehicles)
         return Drawn(config, fleet.population, fleet.driver_models, NO_EVENTS)
 
+    def copied(self, row: int, count: int, seed: int | None, time_s: float) -> "OpenWorlds":
+        """Return ``count`` copies of a world; what happens in copy i is drawn with ``seed`` + i.
+
+        Without ``seed`` it happens as in the original.
+        """
+        worlds = copy(self)
+        worlds.fleets = {
+            number: self.fleets[row].copied(
+                None if seed is None else generator(seed + number, Stream.FORKS), time_s
+            )
+            for number in range(count)
+        }
+        worlds.routes = {number: copy(self.routes[row]) for number in range(count)}
+        return worlds
+
     def begin(self, row: int, start: Indicators) -> None:
         """Begin the route of the ego in a world, whose first indicators are ``start``."""
-        self._routes[row] = RouteOutcome(self._scenario.road, start)
+        self.routes[row] = RouteOutcome(self._scenario.road, start)
 
     def way(self, row: int, now: Indicators, over: bool) -> str:
         """Return the outcome of the ego's route in a world after a decision."""
-        return self._routes[row].outcome(now, over)
+        return self.routes[row].outcome(now, over)

@@ -20,7 +20,6 @@ from drl_av.driving.actions import ACTIONS, HARD_BRAKE, Action
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.fork import place_ego
-from drl_av.env.open_worlds import NO_FORKS
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import most_probable_actions
@@ -177,12 +176,15 @@ class PlannerDriver(Driver):
             self._twin = TwinVectorEnv(
                 config=config, action_mask=False, autoreset_mode=AutoresetMode.DISABLED
             )
-            if not self._twin.road.is_loop:
-                raise ConfigError(NO_FORKS)
         except ConfigError as error:
             raise ConfigError(
                 f"The planner tries its actions in the twin. {error} Or name another driver."
             ) from error
+        if not self._twin.road.is_loop:
+            raise ConfigError(
+                "The planner follows the shipped driver, which knows no roads that end: take a "
+                "loop, or name another driver."
+            )
         self._twin.reset(seed=0, options={"vehicles": 0})
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         check = named_check(config, self._scenario.vehicle_types, self._scenario.road)

@@ -24,7 +24,8 @@ class RouteOutcome:
         lane, front_m = place_of(start)
         if not self._has_exit and road.mandatory_change(lane, front_m).lanes != 0:
             self._end_m = road.lane_end_m(lane, front_m)
-        self._outcome = ""
+        self.reached = ""
+        """The outcome, or "" while it is not decided."""
 
     def outcome(self, now: Indicators, over: bool) -> str:
         """Return the outcome of the route after a decision, or "" while it is not decided.
@@ -34,10 +35,10 @@ class RouteOutcome:
         with ``now``, by a collision or otherwise. If the outcome is still open then, it becomes
         "exit missed" or "not merged".
         """
-        if self._end_m < math.inf and not self._outcome:
+        if self._end_m < math.inf and not self.reached:
             failed = EXIT_MISSED if self._has_exit else NOT_MERGED
-            self._outcome = self._passed(*place_of(now)) or failed * over
-        return self._outcome
+            self.reached = self._passed(*place_of(now)) or failed * over
+        return self.reached
 
     def misses_exit(self, now: Indicators) -> bool:
         """Return whether the ego has passed its exit without taking it."""

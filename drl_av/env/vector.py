@@ -22,7 +22,6 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
 from drl_av.env.observation import group_observation
 from drl_av.env.open_worlds import (
-    NO_FORKS,
     OpenWorlds,
     exchange_vehicles,
     leaving_and_entering,
@@ -110,7 +109,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self.observation_space = batch(self.single_observation_space, count)
         self.action_space = batch(self.single_action_space, count)
         self._generators: list[np.random.Generator | None] = [None] * count
-        self.seeds = np.zeros(count, np.int64)
+        self.seeds = np.full(count, -1)
         """The traffic seed of each world's episode."""
         self.vehicles = np.zeros(count, np.int64)
         """The vehicles besides the ego in each world."""
@@ -224,10 +223,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
         Raises:
             gymnasium.error.ResetNeeded: the episode is over, or none has begun.
-            ConfigError: the road is open.
         """
-        if self.open is not None:
-            raise ConfigError(NO_FORKS)
         if self._over[world]:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         fork, decisions = copy(self), int(self.episodes.decisions[world])
@@ -239,8 +235,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         for before, after in zip(given, made, strict=True):
             after[:] = before[world]
         fork.seeds[:], fork.vehicles[:] = self.seeds[world], self.vehicles[world]
-        fork._over[:] = False
-        if not include_rng:
+        fork._over[:], fork.ways[:] = False, self.ways[world]
+        if self.open is not None:
+            now_s = float(self.worlds.near[world, STEP] * STEP_S)
+            fork.open = self.open.copied(world, n, None if include_rng else seed, now_s)
+        elif not include_rng:
             kinds, timing = self.config.per_traffic_preset, self.config.simulation
             kind = kinds[kind_of_traffic(int(self.seeds[world]), len(kinds))]
             models = self.worlds.z[world, MODEL, : self.vehicles[world] + 1]
@@ -326,7 +325,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                 drawn.append(self.open.draw(row, seed, vehicles, kinds))
             else:
                 drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
-        self._make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
+        self.make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
         for row, one in zip(rows.tolist(), drawn, strict=True):
             vehicles_of_it = one.population, one.driver_models, self._scenario, one.config
             place_vehicles(self.world(row), self.task.net, *vehicles_of_it)
@@ -344,11 +343,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
         """Set the random events of a world that are to come."""
-        self._make_room(0, len(events))
+        self.make_room(0, len(events))
         self.episodes.events[row, : len(events)] = events
         self.episodes.next_event[row] = 0, len(events)
 
-    def _make_room(self, vehicles: int, events: int) -> None:
+    def make_room(self, vehicles: int, events: int) -> None:
         """Enlarge the arrays if they have no room for so many vehicles and events in a world."""
         room = self.worlds.x.shape[2], self.episodes.events.shape[1]
         if vehicles <= room[0] and events <= room[1]:
@@ -377,7 +376,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         for row in rows.tolist():
             exchanged = leaving_and_entering(self.world(row), fleets[row], self.episodes.scene[row])
             if exchanged is not None:
-                self._make_room(int(self.worlds.near[row, COUNT]) + len(exchanged[1]), 0)
+                self.make_room(int(self.worlds.near[row, COUNT]) + len(exchanged[1]), 0)
                 exchange_vehicles(self.world(row), net, fleets[row], *exchanged)
                 self.vehicles[row] = len(fleets[row].ids) - 1
                 self.kept[row] = exchanged[0]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from copy import copy, deepcopy
 from dataclasses import replace
 from itertools import chain, islice, repeat
 
@@ -129,7 +130,7 @@ class Fleet:
         """
         rng, description = np.random.default_rng(seed), self.scenario.description
         config, length_m, start = self.config, description.vehicle_length_m, self._start
-        self._inflow = None
+        self._inflow, self._entered = None, list[Population]()
         self._types: Iterator[str] = chain(["ego"], repeat("traffic"))
         if description.vehicle_types:
             self._types = draw_types(seed, description.vehicle_types)
@@ -148,21 +149,35 @@ class Fleet:
             self._describe(draw_open_population(rng, vehicles, *its))
             self._inflow = Inflow(rng.spawn(1)[0], vehicles, *its)
         rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
-        self._lane_changes = (
-            random_lane_changes(rng, len(self.ids), rate)
-            if self._inflow is None
-            else self._random_lane_changes(rng, rate)
-        )
+        self._rng, self._chance = rng, rate
+        if self._inflow is None:
+            self._lane_changes = random_lane_changes(rng, len(self.ids), rate)
         self.driver_models = draw_driver_models(seed, len(self.ids), config.traffic)
 
-    def _random_lane_changes(
-        self, rng: np.random.Generator, chance: float
-    ) -> Iterator[list[tuple[int, int]]]:
-        """Yield random lane changes, like those of ``population``, for varying vehicles."""
-        while True:
-            draws = rng.random((2, len(self.ids)))
-            rows = np.flatnonzero(draws[0] < chance).tolist()
-            yield [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
+    def _random_lane_changes(self) -> list[tuple[int, int]]:
+        """Return random lane changes, like those of ``population``, of the present vehicles."""
+        draws = self._rng.random((2, len(self.ids)))
+        rows = np.flatnonzero(draws[0] < self._chance).tolist()
+        return [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
+
+    @property
+    def present(self) -> Population:
+        """The vehicles that are on the road now, as they were when they started."""
+        known = self.population.joined(self._entered)
+        row_of = {name: row for row, name in enumerate(known.ids)}
+        return known.rows([row_of[name] for name in self.ids])
+
+    def copied(self, rng: np.random.Generator | None, time_s: float) -> "Fleet":
+        """Return a copy of a fleet on an open road, without vehicle types of the user.
+
+        What happens after ``time_s`` is drawn with ``rng``, or as in the original if it is None.
+        """
+        fleet = copy(self)
+        fleet._entered, fleet._types = [*self._entered], repeat("traffic")
+        fleet._rng = deepcopy(self._rng) if rng is None else rng
+        if self._inflow is not None:
+            fleet._inflow = self._inflow.copied(rng, time_s)
+        return fleet
 
     def lane_changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
         """Return the lane changes of the next decision, as pairs (row, number of lanes).
@@ -173,7 +188,8 @@ class Fleet:
         metres, the ego's first. Call this once for each decision: it draws random numbers, and
         returns each lane change of the scenario only once.
         """
-        changes = next(self._lane_changes)
+        drawn = self._inflow is None
+        changes = next(self._lane_changes) if drawn else self._random_lane_changes()
         if changes and self._start is not None:
             changes = self._on_open_road(changes, y_m, self._start.lanes)
         changes = [(row, side) for row, side in changes if self._is_centered(y_m[row])]
@@ -236,6 +252,7 @@ class Fleet:
         sizes_m = np.array((self.length_m, self.width_m))[:, kept]
         self.length_m, self.width_m = np.concatenate((sizes_m, new_sizes_m), axis=1)
         self.driver_models = np.zeros(len(self.ids), dtype=np.intp)
+        self._entered += entering
         return kept, entering
 
     def _last(

@@ -1,7 +1,8 @@
 """The vehicles of an open road: those at the start of an episode, and those that enter it later."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from copy import copy, deepcopy
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -132,6 +133,7 @@ class Inflow:
         ego: EgoConfig,
     ) -> None:
         self._rng, self._traffic, self._ego = rng, traffic, ego
+        self._supply: Population | None
         self._length_m, self._lanes = length_m, start.lanes
         self._limit_m_s = allowed_speed(start.speed_limits, 0.0, START_STEP_S)
         speed_m_s = flow_speed(start, traffic)
@@ -139,7 +141,7 @@ class Inflow:
         per_s = vehicles / start.span_m / len(start.lanes) * speed_m_s
         self._mean_s = 1 / per_s if per_s else np.inf
         self._entered = vehicles
-        self._supply: Iterator[Population] = iter(())
+        self._supply, self._supplied = None, SUPPLY
         self._waiting: dict[int, Population] = {}
         self._due_s = {lane: rng.random() * self._headway_s() for lane in start.lanes}
 
@@ -188,22 +190,32 @@ class Inflow:
             speed_m_s=np.array([speed]),
         )
 
+    def copied(self, rng: np.random.Generator | None, time_s: float) -> "Inflow":
+        """Return a copy, whose vehicles after ``time_s`` are drawn with ``rng`` if it is given."""
+        inflow = copy(self)
+        inflow._waiting, inflow._due_s = dict(self._waiting), dict(self._due_s)
+        inflow._rng = deepcopy(self._rng) if rng is None else rng
+        if rng is not None:
+            inflow._waiting, inflow._supply = {}, None
+            for lane, due_s in self._due_s.items():
+                if due_s > time_s:
+                    inflow._due_s[lane] = time_s + rng.random() * inflow._headway_s()
+        return inflow
+
     def _next(self) -> Population:
         """Return the next vehicle, with random parameters and without a position."""
-        vehicle = next(self._supply, None)
-        if vehicle is None:
-            self._supply = self._drawn()
-            vehicle = next(self._supply)
-        return vehicle
+        if self._supply is None or self._supplied == SUPPLY:
+            self._supply, self._supplied = self._drawn(), 0
+        self._supplied += 1
+        return self._supply.rows([self._supplied])
 
-    def _drawn(self) -> Iterator[Population]:
-        """Draw ``SUPPLY`` vehicles with random parameters; the row of the ego is left out."""
+    def _drawn(self) -> Population:
+        """Draw ``SUPPLY`` vehicles with random parameters, after a row for the ego."""
         n, streams = SUPPLY + 1, self._rng.spawn(2)
         zeros: npt.NDArray[np.intp] = np.zeros(n, dtype=np.intp)
         places = StartPositions(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))
         is_truck = draw_trucks(streams[1], n, self._traffic)
-        drawn = with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
-        return (drawn.rows([row]) for row in range(1, n))
+        return with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
 
 
 def safe_speed(desired: float, headway_s: float, gap_m: float, speed_ahead: float) -> float:

@@ -149,6 +149,12 @@ class Population:
         arrays = (array[kept] for array in ARRAYS(self))
         return Population(tuple(self.ids[row] for row in kept), *arrays)
 
+    def joined(self, others: "Sequence[Population]") -> "Population":
+        """Return the population with the rows of ``others`` after its own."""
+        parts = self, *others
+        arrays = map(np.concatenate, zip(*map(ARRAYS, parts), strict=True))
+        return Population(tuple(name for part in parts for name in part.ids), *arrays)
+
 
 ARRAYS = attrgetter(*(item.name for item in fields(Population)[1:]))
 """Returns the arrays of a population, in the order of its fields."""

@@ -21,6 +21,8 @@ from drl_av.twin.worlds import (
     CHOSEN_M_S,
     COMMANDED_M,
     COUNT,
+    EDGE,
+    FIRST_LANE,
     FRONT_M,
     GAIN_LEFT,
     GAIN_RIGHT,
@@ -84,11 +86,12 @@ def copy_scene(
         z[SHADOW, row] = other
         z[MASK, row] = 1 << lane | (1 << other if other >= 0 else 0)
         if row in requests:
-            z[REQUEST_LANE, row], steps = requests[row]
+            target, steps = requests[row]
+            z[REQUEST_LANE, row] = target - net.edge_lanes[FIRST_LANE, z[EDGE, row]]
             z[REQUEST_END, row] = steps
             is_bound = steps >= 0 or z[ON_REQUEST_ONLY, row]
             if snapshot.lateral_speed_m_s[row] and is_bound:
-                rest_m = rest_of_change(lane, aside_m, width_m, int(z[REQUEST_LANE, row]), net)
+                rest_m = rest_of_change(lane, aside_m, width_m, target, net)
                 x[MANEUVER_M, row], x[COMMANDED_M, row] = rest_m, rest_m
     rests = (x[ASIDE_M] != 0.0) & (x[LATERAL_SPEED_M_S] == 0.0)
     x[GAIN_LEFT], x[GAIN_RIGHT] = (

@@ -150,6 +150,91 @@ def test_a_lane_change_that_was_requested_in_sumo_goes_on_in_the_copy() -> None:
         assert asked == 5
 
 
+OPEN = TWIN.updated("safety", check="strict")
+
+
+def driven_for(env: HighwayEnv, decisions: int) -> None:
+    """Drive with the permitted actions in turn."""
+    for decision in range(decisions):
+        permitted = np.flatnonzero(env.action_masks())
+        env.step(int(permitted[decision % len(permitted)]))
+
+
+@pytest.mark.parametrize("kind", ["merge", "ramp_to_ramp"])
+def test_on_an_open_road_the_same_vehicles_enter_and_leave_in_the_copies(kind: str) -> None:
+    with closing(HighwayEnv(kind, config=OPEN, action_mask=True)) as env:
+        env.reset(seed=1_000_002)
+        driven_for(env, 25)
+        copies = env.fork(2, include_rng=True)
+        before = set(env.scene.snapshot.ids)
+        for decision in range(30):
+            for row in range(2):
+                here, there = env.scene.snapshot, copies.scene(row).snapshot
+                assert there.ids == here.ids
+                for one, other in zip(there.arrays, here.arrays, strict=True):
+                    assert np.array_equal(one, other), decision
+            permitted = np.flatnonzero(env.action_masks())
+            action = int(permitted[decision % len(permitted)])
+            *_, info = env.step(action)
+            *_, infos = copies.step(np.full(2, action))
+            assert infos["way"].tolist() == [info["way"]] * 2
+        after = set(env.scene.snapshot.ids)
+        assert before - after
+        assert after - before
+
+
+def test_on_an_open_road_other_vehicles_enter_where_the_future_is_not_known() -> None:
+    worlds = TwinVectorEnv(2, "exit", config=OPEN)
+    worlds.reset(seed=1_000_000)
+    for _ in range(10):
+        worlds.step(np.zeros(2, np.int64))
+    copies, again = worlds.fork(3, world=1), worlds.fork(2, 1, world=1)
+    known = worlds.fork(1, include_rng=True, world=1)
+    now = worlds.scene(1).snapshot
+    entered = set(now.ids)
+    for _ in range(20):
+        for some in (worlds, copies, again, known):
+            some.step(np.zeros(some.num_envs, np.int64))
+
+    def newcomers(some: TwinVectorEnv, row: int) -> list[tuple[str, float]]:
+        shot = some.scene(row).snapshot
+        rows = [at for at, name in enumerate(shot.ids) if name not in entered]
+        return [(shot.ids[at], float(shot.s_m[at])) for at in rows]
+
+    first, second, third = (newcomers(copies, row) for row in range(3))
+    assert min(map(len, (first, second, third))) > 10  # about one a second
+    assert first != second
+    assert [newcomers(again, row) for row in range(2)] == [second, third]
+    assert newcomers(known, 0) == newcomers(worlds, 1) != first
+    assert (
+        copies.fork(1, include_rng=True, world=2).scene(0).snapshot.ids
+        == copies.scene(2).snapshot.ids
+    )
+
+
+def test_a_copy_from_an_open_road_in_sumo_foresees_nearly_all_speeds_a_second_ahead() -> None:
+    config = OPEN.updated("simulation", world="sumo")
+    errors = []
+    with closing(HighwayEnv("exit", config=config, action_mask=True)) as env:
+        for seed in range(1_000_000, 1_000_004):
+            env.reset(seed=seed)
+            for _ in range(6):
+                driven_for(env, 4)
+                copies = env.fork(1, include_rng=True)
+                here, there = env.scene.snapshot, copies.scene(0).snapshot
+                assert there.ids == here.ids
+                assert there.y_m == pytest.approx(here.y_m, abs=1e-9)
+                env.step(0)
+                copies.step(np.zeros(1, np.int64))
+                here, there = env.scene.snapshot, copies.scene(0).snapshot
+                assert there.ids == here.ids
+                errors.append(np.abs(here.speed_m_s - there.speed_m_s))
+    missed_m_s = np.concatenate(errors)
+    assert len(missed_m_s) > 1000
+    assert (missed_m_s < 1e-6).mean() > 0.85
+    assert missed_m_s.mean() < 0.03
+
+
 def test_copies_of_copies_and_an_end_that_stays(twin: HighwayEnv) -> None:
     worlds = TwinVectorEnv(3, safety_check="permit_all")
     worlds.reset(seed=1_000_000, options={"vehicles": 25})
@@ -187,10 +272,6 @@ def test_a_driver_searches_among_copies(twin: HighwayEnv) -> None:
 def test_what_cannot_be_copied_is_refused() -> None:
     with closing(HighwayEnv()) as env, pytest.raises(gymnasium.error.ResetNeeded):
         env.fork(2)
-    with closing(HighwayEnv("merge")) as env:
-        env.reset(seed=1)
-        with pytest.raises(ConfigError, match="copies episodes on a loop only"):
-            env.fork(2)
     with closing(HighwayEnv(reward=lambda made: 0.0)) as env:
         env.reset(seed=1)
         with pytest.raises(ConfigError, match="reward or observation of yours"):
