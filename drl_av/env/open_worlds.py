@@ -22,7 +22,7 @@ NO_EVENTS = np.empty((0, 3), np.int64)
 
 def request_random_changes(world: World, net: Net, fleet: Fleet, y_m: FloatArray) -> None:
     """Request the random lane changes of the next decision; ``y_m`` is each vehicle's."""
-    for row, side in fleet.lane_changes(0.0, y_m[: len(fleet.ids)].tolist()):
+    for row, side in fleet.lane_changes(0.0, y_m):
         request_change(world, net, row, side, REQUEST_STEPS)
 
 
@@ -47,8 +47,10 @@ def exchange_vehicles(
     rows = [*kept, *left]
     if rows != [*range(world.near[COUNT])]:
         keep_vehicles(world, rows)
-    for vehicle in entering:
-        add_vehicles(world, net, vehicle, np.zeros(1, np.int64), fleet.scenario, fleet.config)
+    if entering:
+        models = np.zeros(len(entering), np.int64)
+        together = entering[0].joined(entering[1:])
+        add_vehicles(world, net, together, models, fleet.scenario, fleet.config)
     if left and entering:
         present = [*range(world.near[COUNT])]
         gone = slice(len(kept), len(rows))

@@ -179,7 +179,9 @@ class Fleet:
             fleet._inflow = self._inflow.copied(rng, time_s)
         return fleet
 
-    def lane_changes(self, time_s: float, y_m: Sequence[float]) -> list[tuple[int, int]]:
+    def lane_changes(
+        self, time_s: float, y_m: Sequence[float] | FloatArray
+    ) -> list[tuple[int, int]]:
         """Return the lane changes of the next decision, as pairs (row, number of lanes).
 
         A row is the index of a vehicle in ``ids``. The number of lanes is positive to the left.
@@ -210,7 +212,10 @@ class Fleet:
         return abs(y_m - self._road.center_m(self._road.lane_of(y_m))) <= CENTERED_M
 
     def _on_open_road(
-        self, changes: list[tuple[int, int]], y_m: Sequence[float], lanes: Collection[int]
+        self,
+        changes: list[tuple[int, int]],
+        y_m: Sequence[float] | FloatArray,
+        lanes: Collection[int],
     ) -> list[tuple[int, int]]:
         """Return the random lane changes, by row and side, that lead to one of ``lanes``."""
         if self._inflow is None:  # drawn for the vehicles at the start, some of which have left
@@ -247,8 +252,8 @@ class Fleet:
             self._with_stated(one, [name], new_sizes_m[0, [row]])
             for row, (one, name) in enumerate(zip(entering, new_types, strict=True))
         ]
-        self.ids = (*(self.ids[row] for row in kept), *(one.ids[0] for one in entering))
-        self.type_ids = [*(self.type_ids[row] for row in kept), *new_types]
+        self.ids = (*map(self.ids.__getitem__, kept), *(one.ids[0] for one in entering))
+        self.type_ids = [*map(self.type_ids.__getitem__, kept), *new_types]
         sizes_m = np.array((self.length_m, self.width_m))[:, kept]
         self.length_m, self.width_m = np.concatenate((sizes_m, new_sizes_m), axis=1)
         self.driver_models = np.zeros(len(self.ids), dtype=np.intp)
@@ -269,13 +274,11 @@ class Fleet:
         """
         last: dict[int, Last] = {}
         lane_of, entered = self._road.lane_of, set(start.lanes)
-        rear_m = [
-            at_m - length_m / 2 for at_m, length_m in zip(s_m, self.length_m.tolist(), strict=True)
-        ]
-        for row in sorted(rows, key=rear_m.__getitem__):
+        rear_m = np.asarray(s_m) - self.length_m / 2
+        for row in np.array(rows)[rear_m[rows].argsort(kind="stable")].tolist():
             half_m = float(self.width_m[row]) / 2
             for lane in {lane_of(y_m[row] - half_m), lane_of(y_m[row] + half_m)}:
-                last.setdefault(lane, Last(rear_m[row], speed_m_s[row]))
+                last.setdefault(lane, Last(float(rear_m[row]), speed_m_s[row]))
             if entered <= last.keys():
                 break
         return last

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.layout import split_long_edges
 from drl_av.scenarios.open_road import OpenDescription
 from drl_av.simulation.population import (
+    ARRAYS,
     DECISIONS_AT_ONCE,
     DriverModel,
     Population,
@@ -75,6 +76,7 @@ ROUTE_M, LEAST_EDGES = 3000.0, 5
 """What SUMO's lane-change models regard of a route at least: this length, and as many edges."""
 RIGHT_RELUCTANCE = 10.0
 """SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain."""
+ONLY_SUMO = int(DriverModel.SUMO)
 GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
 
@@ -277,36 +279,48 @@ def add_vehicles(
     config: Config,
 ) -> None:
     """Add the vehicles of a population to those of a world, still unsorted."""
-    first, types, traffic = int(world.near[COUNT]), scenario.vehicle_types, config.traffic
-    n = first + len(population.ids)
-    x, z, rows = world.x[:, first:n], world.z[:, first:n], np.arange(first, n)
-    x[:], z[:] = 0.0, 0
-    world.near[COUNT] = n
-    z[MODEL] = driver_models
-    z[ON_REQUEST_ONLY] = z[MODEL] != DriverModel.SUMO
-    for column, (ours, cars, trucks) in {
-        LENGTH_M: (types.ego.length_m, types.traffic.length_m, traffic.truck_length_m),
-        WIDTH_M: (types.ego.width_m, types.traffic.width_m, traffic.truck_width_m),
-    }.items():
-        x[column] = np.where(population.is_truck, trucks, np.where(rows == 0, ours, cars))
-    x[FRONT_M], x[SPEED_M_S] = population.front_m, population.speed_m_s
-    x[DESIRED_M_S] = population.desired_speed_m_s
-    x[HEADWAY_S] = population.headway_s
-    x[ACCELERATION_M_S2] = population.acceleration_m_s2
-    with np.errstate(divide="ignore"):  # a driver without lcSpeedGain changes for no gain
-        x[THRESHOLD_LEFT] = GAIN / population.speed_gain
-    x[THRESHOLD_RIGHT] = RIGHT_RELUCTANCE * x[THRESHOLD_LEFT]
-    x[ADVICE_M_S] = np.inf
-    x[WISH_M_S2] = np.where(z[ON_REQUEST_ONLY], 0.0, np.nan)
-    x[REQUESTED_M_S], x[CHOSEN_M_S] = LEFT_TO_SUMO, x[SPEED_M_S]
-    first_seen = net.edge_lanes[FIRST_SEEN][[edge_of(at_m, net) for at_m in population.front_m]]
-    for lane in range(net.lanes):
-        is_seen = (first_seen <= lane) & (lane <= net.last_open)
-        x[EXPECTED_M_S + lane] = np.where(is_seen, x[DESIRED_M_S], -1.0)
-    z[LANE], z[ORDER] = population.lane, rows
-    z[MASK], z[IS_FULL] = 1 << z[LANE], 1
-    z[REQUEST_END], z[REQUEST_LANE], z[SHADOW], z[RESERVED] = -1, -1, -1, -1
-    z[TRACKED], z[TRACKED_LEFT] = world.near[STEP] - 1, world.near[STEP] - 1
+    types, traffic = scenario.vehicle_types, config.traffic
+    truck_m = traffic.truck_length_m, traffic.truck_width_m
+    sizes = [(each.length_m, each.width_m) for each in (types.ego, types.traffic)]
+    write_vehicles(world, net, ARRAYS(population), driver_models, np.array([*sizes, truck_m]))
+
+
+@borrowing
+def write_vehicles(
+    world: World, net: Net, population: Any, driver_models: IntArray, sizes_m: FloatArray
+) -> None:
+    """Write vehicles behind those of a world; ``population`` holds the arrays of a ``Population``.
+
+    ``sizes_m``, shape (3, 2), holds the length and the width of the ego, of cars and of trucks.
+    """
+    lane, front_m, speed, desired, headway, acceleration, speed_gain, is_truck = population
+    x, z, first = world.x, world.z, world.near[COUNT]
+    for row in range(len(lane)):
+        i = first + row
+        for column in range(len(x)):
+            x[column, i] = 0.0
+        for column in range(len(z)):
+            z[column, i] = 0
+        size = 2 if is_truck[row] else 1 if i else 0
+        x[LENGTH_M, i], x[WIDTH_M, i] = sizes_m[size, 0], sizes_m[size, 1]
+        x[FRONT_M, i], x[SPEED_M_S, i] = front_m[row], speed[row]
+        x[DESIRED_M_S, i], x[HEADWAY_S, i] = desired[row], headway[row]
+        x[ACCELERATION_M_S2, i] = acceleration[row]
+        # a driver without lcSpeedGain changes for no gain
+        x[THRESHOLD_LEFT, i] = GAIN / speed_gain[row] if speed_gain[row] else np.inf
+        x[THRESHOLD_RIGHT, i] = RIGHT_RELUCTANCE * x[THRESHOLD_LEFT, i]
+        z[MODEL, i] = driver_models[row]
+        z[ON_REQUEST_ONLY, i] = driver_models[row] != ONLY_SUMO
+        x[ADVICE_M_S, i], x[WISH_M_S2, i] = np.inf, 0.0 if z[ON_REQUEST_ONLY, i] else np.nan
+        x[REQUESTED_M_S, i], x[CHOSEN_M_S, i] = LEFT_TO_SUMO, speed[row]
+        first_seen = net.edge_lanes[FIRST_SEEN, edge_of(front_m[row], net)]
+        for number in range(net.lanes):
+            is_seen = first_seen <= number and number <= net.last_open
+            x[EXPECTED_M_S + number, i] = desired[row] if is_seen else -1.0
+        z[LANE, i], z[ORDER, i], z[MASK, i], z[IS_FULL, i] = lane[row], i, 1 << lane[row], 1
+        z[REQUEST_END, i], z[REQUEST_LANE, i], z[SHADOW, i], z[RESERVED, i] = -1, -1, -1, -1
+        z[TRACKED, i] = z[TRACKED_LEFT, i] = world.near[STEP] - 1
+    world.near[COUNT] = first + len(lane)
 
 
 def keep_vehicles(world: World, rows: Sequence[int]) -> None:
