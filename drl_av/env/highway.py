@@ -28,7 +28,7 @@ from drl_av.env.episode_start import (
     traffic_seed,
     traffic_setups,
 )
-from drl_av.env.fork import copy_episode
+from drl_av.env.fork import copied_groups, copy_episode
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
@@ -117,7 +117,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         )
         self.ego_model: EgoModel | None = None
         self._twin: TwinVectorEnv | None = None
-        self._has_own_parts = any(each is not None for each in (own_check, reward, observation))
+        self._has_own_parts = own_check is not None or reward is not None
         self._over = True
 
     @property
@@ -306,22 +306,19 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         without what SUMO's drivers remember.
 
         Raises:
-            ConfigError: the twin cannot do what the settings ask, or the environment has a check,
-                a reward or an observation of the user, or SUMO drives the ego.
+            ConfigError: the twin cannot do what the settings ask, or the environment has a check
+                or a reward of the user, or sees other than groups, or SUMO drives the ego.
             gymnasium.error.ResetNeeded: no episode is running.
         """
         if self._over:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
-        if self._has_own_parts or self.ego_model is not None:
-            raise ConfigError(
-                "The twin has no safety check, reward or observation of yours, and SUMO does not "
-                "drive its ego: fork an environment that was made without them."
-            )
+        groups = copied_groups(self.observe, self._has_own_parts or self.ego_model is not None)
         if self._twin is None:
-            self._twin = TwinVectorEnv(config=self.config, autoreset_mode="Disabled")
-        traffic = TrafficSetup(self.simulation, self.traffic_drivers)
-        route = self._route
-        copy_episode(self._twin, traffic, route, self.scene, self.seed, self.decisions)
+            self._twin = TwinVectorEnv(
+                config=self.config, observation=groups, autoreset_mode="Disabled"
+            )
+        episode = TrafficSetup(self.simulation, self.traffic_drivers), self._route, self.scene
+        copy_episode(self._twin, *episode, self.seed, self.decisions)
         return self._twin.fork(n, seed, include_rng)
 
     def render(self) -> npt.NDArray[np.uint8] | None:

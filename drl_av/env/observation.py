@@ -74,6 +74,7 @@ class GroupObservation:
 
     def __init__(self, groups: Sequence[str], scale: ObservationScale) -> None:
         _require_groups(groups)
+        self.groups = groups
         self.names = tuple(name for group in groups for name in GROUPS[group])
         """Name of each element of the observation."""
         self._scale = scale

@@ -183,6 +183,22 @@ def test_on_an_open_road_the_same_vehicles_enter_and_leave_in_the_copies(kind: s
         assert after - before
 
 
+@pytest.mark.parametrize("world", ["sumo", "twin"])
+def test_the_copies_of_a_named_environment_observe_what_it_does(world: str) -> None:
+    config = {"simulation": {"world": world}}
+    with closing(gymnasium.make("drl_av/Exit-v0", config=config)) as env:
+        env.reset(seed=1_000_004)
+        copies = env.unwrapped.fork(2, include_rng=True)  # type: ignore[attr-defined]
+        assert copies.single_observation_space == env.observation_space
+        observation = env.step(0)[0]
+        found = copies.step(np.zeros(2, np.int64))[0]
+        assert found == pytest.approx(np.stack([observation] * 2), abs=0.02)
+    with closing(gymnasium.make("drl_av/Highway-v0", observation="wide")) as env:
+        env.reset(seed=1)
+        with pytest.raises(ConfigError, match="observe groups of indicators only"):
+            env.unwrapped.fork(2)  # type: ignore[attr-defined]
+
+
 def test_on_an_open_road_other_vehicles_enter_where_the_future_is_not_known() -> None:
     worlds = TwinVectorEnv(2, "exit", config=OPEN)
     worlds.reset(seed=1_000_000)
@@ -279,5 +295,5 @@ def test_what_cannot_be_copied_is_refused() -> None:
     with closing(HighwayEnv()) as env:
         env.reset(seed=1)
         env.hand_over(load_driver("sumo").model)  # type: ignore[attr-defined]
-        with pytest.raises(ConfigError, match="SUMO does not drive its ego"):
+        with pytest.raises(ConfigError, match="drive the ego without SUMO"):
             env.fork(2)
