@@ -179,7 +179,7 @@ def cells_of(pages: Iterable[str]) -> dict[str, list[list[str]]]:
     for page in pages:
         marks = r"<!-- table: (\w+) -->\n(\|.*?)<!-- end -->"
         for name, text in re.findall(marks, page, re.DOTALL):
-            lines = [line.strip("| ").split(" | ") for line in text.splitlines()]
+            lines = [line.strip()[1:-1].split("|") for line in text.splitlines()]
             found[name] = [[cell.strip() for cell in line] for line in lines]
     return found
 

@@ -31,8 +31,11 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preset", metavar="NAME", help=f"one of: {', '.join(PRESETS)} (default: paper)"
     )
-    numbers = ", ".join(f"{name} {found.learning.episodes}" for name, found in PRESETS.items())
-    episodes = f"episodes of at most 200 s (default: the preset's, {numbers})"
+    counted = {name: found.learning for name, found in PRESETS.items()}
+    numbers = ", ".join(
+        f"{name} {found.episodes}" for name, found in counted.items() if found.algorithm != "ppo"
+    )
+    episodes = f"episodes of at most 200 s of Algorithm 1 (default: the preset's, {numbers})"
     add_number(parser, "--episodes", 1, episodes)
     seeds = parser.add_mutually_exclusive_group()
     add_number(seeds, "--seed", 0, "random seed (default: the preset's)", shown="S")
@@ -167,6 +170,7 @@ def adapt(options: argparse.Namespace) -> int:
 
     This is the continual adaptation of Sec. IV-D of the paper. The verb is ``drl-av adapt``.
     """
+    from drl_av.drivers.masked_policy import is_actor
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
     from drl_av.learning.run_folder import Run, open_training, require_tensorboard, warm_start
@@ -186,6 +190,11 @@ def adapt(options: argparse.Namespace) -> int:
             "or leave it out for the driver that ships with drl-av."
         )
     policy = find_policy(spec.run)
+    if is_actor(policy):
+        raise ConfigError(
+            f"{word} learned by PPO, which has no continual adaptation: give a driver of Algorithm "
+            "1, such as pretrained-paper."
+        )
     config = _adaptation_config(options, Run(options.out), spec)
 
     def prepare(training: "Training") -> None:

@@ -10,6 +10,11 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = """Text before.
+<!-- table: other -->
+|  | speed, m/s | hits |
+| --- | --- | --- |
+| all | 19.50 | 0 |
+<!-- end -->
 <!-- table: mine -->
 | driver | vehicles | speed, m/s |
 | --- | --- | --- |
@@ -19,6 +24,7 @@ PAGE = """Text before.
 It drives <!-- value: mine | idm | 5 | speed, m/s -->20.26 ± 0.30<!-- end --> m/s, or
 <!-- mean: mine | idm | 5 | speed, m/s -->20.26<!-- end -->, about
 <!-- mean.1: mine | idm | 5 | speed, m/s -->20.3<!-- end -->.
+<!-- value: other | all | speed, m/s -->19.50<!-- end -->.
 Write `<!-- value: A | B | C -->`.
 """
 TABLE = PAGE.partition("mine -->\n")[2].partition("\n<!-- end")[0]
@@ -40,7 +46,9 @@ def tool(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     monkeypatch.setattr(module, "ROOT", tmp_path)
     monkeypatch.setattr(module, "PAGES", (tmp_path / "page.md",))
     monkeypatch.setattr(module, "LOCK", tmp_path / "lock")
-    monkeypatch.setattr(module, "TABLES", {"mine": module.Table(make, [tmp_path / "source.csv"])})
+    other = PAGE.partition("other -->\n")[2].partition("\n<!-- end")[0]
+    tables = {"mine": module.Table(make, [tmp_path / "source.csv"])}
+    monkeypatch.setattr(module, "TABLES", tables | {"other": module.Table(lambda: other)})
     monkeypatch.setattr(module, "made", made, raising=False)
     return module
 
