@@ -71,6 +71,11 @@ def figures(options: argparse.Namespace) -> int:
     alone = [Path(word) for name, [word, *_] in sources if not name]
     runs, tables = [p for p in alone if p.is_dir()], [p for p in alone if not p.is_dir()]
     every_run = [run for own in (runs, *groups.values()) for run in own]
+    if by_ppo := [run for run in every_run if (run / "updates.csv").is_file()]:
+        raise ConfigError(
+            f"{by_ppo[0]} is a training by PPO, which drives no evaluations on its way: draw a "
+            "table of drl-av evaluate instead."
+        )
     if others := [run for run in every_run if not (run / "evaluations.csv").is_file()]:
         raise ConfigError(
             f"{others[0]} is not a run, it has no evaluations.csv: name the folder of a run, or a "

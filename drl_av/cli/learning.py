@@ -129,8 +129,8 @@ def _require_options_of_ppo(options: argparse.Namespace, *more: str) -> None:
         if getattr(options, option):
             raise ConfigError(
                 f"--{option.replace('_', '-')} belongs to the training by Algorithm 1, but this "
-                "one is PPO at scale, which takes minutes and begins anew: leave it out, or choose "
-                "another preset."
+                "one is PPO at scale, which begins anew and counts its decisions (-o "
+                "ppo.decisions=N): leave it out, or choose another preset in a new folder."
             )
 
 

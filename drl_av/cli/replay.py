@@ -287,7 +287,16 @@ def _refuse_settings(options: argparse.Namespace, source: str, check: str = "") 
 
     Only a check of the user's own has to be named again, as a file may run no code.
     """
-    names = ("seed", "vehicles", "decisions", "scenario", "safety_check", "traffic", "config")
+    names = (
+        "seed",
+        "vehicles",
+        "decisions",
+        "scenario",
+        "safety_check",
+        "traffic",
+        "config",
+        "world",
+    )
     given = [name for name in names if getattr(options, name) not in (None, [])]
     is_own = options.safety_check is not None and is_factory(options.safety_check)
     if is_own and check in ("", options.safety_check):

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from drl_av.config import Config, SimulationConfig, TrafficConfig
 from drl_av.drivers.background.traffic import TrafficDrivers
@@ -79,6 +80,58 @@ def reset_options(options: Any, *further: str) -> dict[str, Any]:
         if name not in ("vehicles", *further):
             raise ConfigError(f"reset has no option {name!r}; its option is: vehicles.")
     return dict(options)
+
+
+def rows_to_reset(mask: Any, worlds: int, begun: bool) -> npt.NDArray[np.intp]:
+    """Return the worlds that the option ``reset_mask`` of a vector environment names.
+
+    Raises:
+        ConfigError: it is not bool of shape (worlds,), or leaves out a world that never ``begun``.
+    """
+    if mask is None:
+        return np.arange(worlds)
+    wanted = np.asarray(mask)
+    if wanted.dtype != np.bool_ or wanted.shape != (worlds,):
+        raise ConfigError(
+            f"reset_mask must be an array of {worlds} times True or False, one for each world."
+        )
+    if not begun and not wanted.all():
+        raise ConfigError("The first reset begins all worlds: leave reset_mask out.")
+    return np.flatnonzero(wanted)
+
+
+def seeds_of_worlds(seed: Any, worlds: int) -> list[int | None]:
+    """Return the seed of each world: ``seed`` + i, or those that ``seed`` lists.
+
+    Raises:
+        ConfigError: ``seed`` is no whole number, or does not list one or None for each world.
+    """
+    if seed is None:
+        return [None] * worlds
+    if is_whole(seed):
+        return [int(seed) + row for row in range(worlds)]
+    listed = isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str)
+    if not listed or not all(one is None or is_whole(one) for one in seed):
+        raise ConfigError(f"seed is {seed!r}, but must be a whole number, or one for each world.")
+    if len(seed) != worlds:
+        raise ConfigError(
+            f"reset has {len(seed)} seeds, but there are {worlds} worlds: give one for each, or a "
+            "single one."
+        )
+    return [None if one is None else int(one) for one in seed]
+
+
+def is_whole(value: Any) -> bool:
+    """Whether a value is a whole number, and not True or False."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def require_numbers(**given: tuple[Any, int, int | None]) -> None:
+    """Raise ConfigError unless each value is a whole number from a lowest one to below an end."""
+    for name, (value, low, end) in given.items():
+        if not is_whole(value) or value < low or (end is not None and value >= end):
+            most = "on" if end is None else f"to {end - 1}"
+            raise ConfigError(f"{name} is {value!r}, but must be a whole number from {low} {most}.")
 
 
 def number_of_vehicles(

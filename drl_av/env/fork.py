@@ -55,16 +55,20 @@ def copy_episode(
     route: RouteOutcome,
     scene: Scene,
     seed: int,
-    decisions: int,
+    so_far: tuple[int, float, int],
 ) -> None:
-    """Let the first world of ``twin`` go on from a scene after ``decisions`` decisions.
+    """Let the first world of ``twin`` go on from a scene.
 
     ``seed`` is the traffic seed of the episode that runs in ``traffic``, whose settings are those
-    of ``twin``, and ``route`` is the outcome of its ego's route. Vehicles that have left an open
-    road in SUMO are not copied.
+    of ``twin``, and ``route`` is the outcome of its ego's route. ``so_far`` holds its decisions,
+    the sum of the speeds after each, and how many of them the check changed. Vehicles that have
+    left an open road in SUMO are not copied.
     """
-    simulation, fleet = traffic.simulation, traffic.simulation.fleet
+    simulation, fleet, decisions = traffic.simulation, traffic.simulation.fleet, so_far[0]
     shot, vehicles = scene.snapshot, len(scene.snapshot.ids) - 1
+    if decisions == 0:
+        twin.reset(seed=seed, options={"vehicles": vehicles})
+        return
     if twin.open is not None:
         if twin.seeds[0] != seed:
             twin.reset(seed=seed, options={"vehicles": 0})
@@ -97,6 +101,7 @@ def copy_episode(
         world.z[DRIVER_STATE, : vehicles + 1], world.z[BRAKING, : vehicles + 1] = state, braking
     last = episodes.next_event[0, 1]
     episodes.next_event[0, 0] = np.searchsorted(episodes.events[0, :last, 0], decisions)
+    episodes.sums[0] = so_far[1:]
     place_ego(twin, scene, decisions)
 
 

@@ -318,7 +318,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                 config=self.config, observation=groups, autoreset_mode="Disabled"
             )
         episode = TrafficSetup(self.simulation, self.traffic_drivers), self._route, self.scene
-        copy_episode(self._twin, *episode, self.seed, self.decisions)
+        so_far = self.decisions, self._speed_sum_m_s, self._triggers
+        copy_episode(self._twin, *episode, self.seed, so_far)
         return self._twin.fork(n, seed, include_rng)
 
     def render(self) -> npt.NDArray[np.uint8] | None:

@@ -19,7 +19,14 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.episode_start import number_of_vehicles, reset_options, traffic_seed
+from drl_av.env.episode_start import (
+    number_of_vehicles,
+    require_numbers,
+    reset_options,
+    rows_to_reset,
+    seeds_of_worlds,
+    traffic_seed,
+)
 from drl_av.env.observation import group_observation
 from drl_av.env.open_worlds import (
     OpenWorlds,
@@ -95,6 +102,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         self._observe = group_observation(observation, scale, config.observation)
         self.single_observation_space = self._observe.space
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS))
+        require_numbers(num_envs=(num_envs, 1, None), threads=(threads, 1, None))
         self._masked, self._threads = action_mask, threads
         self._is_fork = self._begun = False
         self._options: Mapping[str, Any] = {}
@@ -142,19 +150,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             ScenarioError: the vehicles do not fit on the road.
         """
         given = reset_options(options, "reset_mask")
-        mask = given.pop("reset_mask", None)
-        rows = np.arange(self.num_envs) if mask is None else np.flatnonzero(np.asarray(mask))
+        rows = rows_to_reset(given.pop("reset_mask", None), self.num_envs, self._begun)
         self._options = given
-        if seed is None or isinstance(seed, int | np.integer):
-            seeds = [None if seed is None else int(seed) + row for row in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ConfigError(
-                f"reset has {len(seeds)} seeds, but there are {self.num_envs} worlds: give one "
-                "for each, or a single one."
-            )
-        self._begin(rows, seeds)
+        self._begin(rows, seeds_of_worlds(seed, self.num_envs))
         self._begun = True
         return self._observations(), self._info()
 
@@ -223,7 +221,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
         Raises:
             gymnasium.error.ResetNeeded: the episode is over, or none has begun.
+            ConfigError: ``n``, ``seed`` or ``world`` is not a possible number.
         """
+        require_numbers(n=(n, 1, None), seed=(seed, 0, None), world=(world, 0, self.num_envs))
         if self._over[world]:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         fork, decisions = copy(self), int(self.episodes.decisions[world])

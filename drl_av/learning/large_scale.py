@@ -241,7 +241,8 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
 
     Raises:
         ConfigError: ``simulation.world`` is not the twin, the twin cannot do what the settings ask,
-            or ``observation.way`` is missing on a road whose lanes end or leave.
+            ``observation.way`` is missing on a road whose lanes end or leave, or the numbers of
+            ``ppo`` do not fit each other.
         RunError: the folder exists and is not empty, or cannot be made.
         CheckpointError: the policy cannot be written.
     """
@@ -253,6 +254,7 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
             f"Lanes end or leave on {config.simulation.scenario}: set observation.way = true, as "
             "the preset large-merge does."
         )
+    _require_full_batches(config)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists already: choose another folder with --out.")
     settings, worlds = config.ppo, TwinWorlds(config, config.learning.seed)
@@ -276,6 +278,31 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
         if update * SAVES % updates < SAVES:
             save_actor(folder / "policy.safetensors", learner, config)
         yield progress
+
+
+def _require_full_batches(config: Config) -> None:
+    """Raise ConfigError if worlds or batches are empty, or a batch has a minibatch of one row."""
+    ppo, kinds = config.ppo, max(len(config.traffic.presets), 1)
+    if ppo.worlds < kinds:
+        raise ConfigError(
+            f"ppo.worlds is {ppo.worlds}, but traffic.presets has {kinds} kinds of traffic: set "
+            f"it to {kinds} or more."
+        )
+    if ppo.batch_size % ppo.worlds:
+        raise ConfigError(
+            f"ppo.batch_size is {ppo.batch_size}, but must be a multiple of ppo.worlds, "
+            f"{ppo.worlds}."
+        )
+    if ppo.decisions < ppo.batch_size:
+        raise ConfigError(
+            f"ppo.decisions is {ppo.decisions}, but must be at least ppo.batch_size, "
+            f"{ppo.batch_size}: nothing is learned before a batch is full."
+        )
+    if min(ppo.minibatch_size, ppo.batch_size % ppo.minibatch_size or 2) == 1:
+        raise ConfigError(
+            f"ppo.minibatch_size is {ppo.minibatch_size}, which leaves a minibatch of one of "
+            f"ppo.batch_size, {ppo.batch_size}, decisions: set it to a divisor from 2 on."
+        )
 
 
 def learner_of(config: Config, worlds: TwinWorlds) -> MaskablePPO:

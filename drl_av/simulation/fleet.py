@@ -176,7 +176,8 @@ class Fleet:
         fleet._entered, fleet._types = [*self._entered], repeat("traffic")
         fleet._rng = deepcopy(self._rng) if rng is None else rng
         if self._inflow is not None:
-            fleet._inflow = self._inflow.copied(rng, time_s)
+            inflow_rng = None if rng is None else rng.spawn(1)[0]
+            fleet._inflow = self._inflow.copied(inflow_rng, time_s)
         return fleet
 
     def lane_changes(

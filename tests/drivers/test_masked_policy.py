@@ -193,3 +193,23 @@ def test_it_says_where_it_does_not_see_that_a_lane_ends(scenario: str, told: int
     words = [str(each.message) for each in said]
     assert len(words) == told
     assert all(f"does not see where a lane ends or leaves, as on {scenario}" in w for w in words)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ("worlds=1 batch_size=64 decisions=128", "worlds is 1, but traffic.presets has 5 kinds"),
+        ("worlds=7 batch_size=100 decisions=200", "batch_size is 100, but must be a multiple of"),
+        ("worlds=8 batch_size=64 decisions=63", "decisions is 63, but must be at least ppo.batch"),
+        ("worlds=8 batch_size=64 decisions=64 minibatch_size=63", "leaves a minibatch of one"),
+        ("worlds=8 batch_size=64 decisions=64 minibatch_size=1", "leaves a minibatch of one"),
+    ],
+)
+def test_numbers_of_ppo_that_do_not_fit_each_other_are_refused_before_a_folder_is_made(
+    numbers: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [word for number in numbers.split() for word in ("-o", f"ppo.{number}")]
+    out = tmp_path / "run"
+    assert main(["train", "--preset", "large", "--out", str(out), *options]) == 1
+    assert message in capsys.readouterr().err
+    assert not out.exists()

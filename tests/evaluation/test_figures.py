@@ -213,6 +213,9 @@ def test_a_folder_that_is_no_run_is_refused(
 ) -> None:
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     assert "is not a run, it has no evaluations.csv: name the folder" in error_message(capsys)
+    (tmp_path / "updates.csv").touch()
+    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    assert "is a training by PPO" in error_message(capsys)
     assert not (tmp_path / "out").exists()
 
 

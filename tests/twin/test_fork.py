@@ -183,6 +183,47 @@ def test_on_an_open_road_the_same_vehicles_enter_and_leave_in_the_copies(kind: s
         assert after - before
 
 
+def test_exact_copies_of_a_copy_on_an_open_road_meet_the_same_vehicles() -> None:
+    worlds = TwinVectorEnv(1, "merge", config=OPEN, autoreset_mode="Disabled")
+    worlds.reset(seed=1_000_100)
+    first = worlds.fork(1, seed=5)
+    second = first.fork(1, include_rng=True)
+    for _ in range(12):
+        for some in (first, second):
+            some.step(np.zeros(1, np.int64))
+        here, there = first.scene(0).snapshot, second.scene(0).snapshot
+        assert there.ids == here.ids
+        assert there.s_m.tolist() == here.s_m.tolist()
+
+
+@pytest.mark.parametrize(("scenario", "vehicles"), [("straight", 60), ("circular_three_lane", 25)])
+def test_a_copy_of_an_episode_in_sumo_that_has_just_begun_goes_on_exactly(
+    scenario: str, vehicles: int
+) -> None:
+    config = OPEN.updated("simulation", world="sumo")
+    with closing(HighwayEnv(scenario, config=config)) as env:
+        for seed in (1_000_020, 1_000_021):
+            env.reset(seed=seed, options={"vehicles": vehicles})
+            copies = env.fork(1, include_rng=True)
+            env.step(3)
+            copies.step(np.array([3]))
+            here, there = env.scene.snapshot, copies.scene(0).snapshot
+            assert there.ids == here.ids
+            assert there.speed_m_s == pytest.approx(here.speed_m_s, abs=1e-6)
+
+
+@pytest.mark.parametrize("world", ["sumo", "twin"])
+def test_the_info_of_a_copy_counts_the_episode_so_far(world: str) -> None:
+    with closing(HighwayEnv(config=TWIN.updated("simulation", world=world))) as env:
+        env.reset(seed=1_000_000, options={"vehicles": 20})
+        for _ in range(5):
+            env.step(9)
+        copies = env.fork(1, include_rng=True)
+        infos, info = copies.step(np.array([9]))[4], env.step(9)[4]
+    assert infos["safety_triggers"].tolist() == [info["safety_triggers"]] != [0]
+    assert infos["mean_speed_m_s"][0] == pytest.approx(info["mean_speed_m_s"], abs=1e-6)
+
+
 @pytest.mark.parametrize("world", ["sumo", "twin"])
 def test_the_copies_of_a_named_environment_observe_what_it_does(world: str) -> None:
     config = {"simulation": {"world": world}}
@@ -297,3 +338,21 @@ def test_what_cannot_be_copied_is_refused() -> None:
         env.hand_over(load_driver("sumo").model)  # type: ignore[attr-defined]
         with pytest.raises(ConfigError, match="drive the ego without SUMO"):
             env.fork(2)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ((0,), "n is 0, but must be a whole number from 1 on"),
+        ((2.5,), "n is 2.5"),
+        ((2, -1), "seed is -1, but must be a whole number from 0 on"),
+        ((2, None), "seed is None"),
+        ((2, 0, False, 3), "world is 3, but must be a whole number from 0 to 2"),
+        ((2, 0, False, -1), "world is -1"),
+    ],
+)
+def test_a_number_of_copies_that_cannot_be_is_refused(given: Any, message: str) -> None:
+    worlds = TwinVectorEnv(3)
+    worlds.reset(seed=1)
+    with pytest.raises(ConfigError, match=message):
+        worlds.fork(*given)

@@ -127,3 +127,31 @@ def test_each_episode_draws_one_of_the_kinds_of_traffic_and_is_as_in_that_kind_a
     for world, (seed, kind) in enumerate(zip(seeds, kinds, strict=True)):
         alone = TwinVectorEnv(1, config=Config().with_traffic(SINGLE_PRESETS[kind]))
         assert np.array_equal(driven(alone, [seed])[:, 0], together[:, world]), SINGLE_PRESETS[kind]
+
+
+@pytest.mark.parametrize(
+    "mask", [[True], "abc", 5, [1, 0, 2], np.ones(5, bool), np.ones((3, 2), bool)], ids=str
+)
+def test_a_mask_of_other_worlds_is_refused(mask: Any) -> None:
+    worlds = TwinVectorEnv(3)
+    worlds.reset(seed=1)
+    with pytest.raises(ConfigError, match="reset_mask must be an array of 3 times True or False"):
+        worlds.reset(options={"reset_mask": mask})
+
+
+def test_the_first_reset_begins_all_worlds() -> None:
+    with pytest.raises(ConfigError, match="first reset begins all worlds"):
+        TwinVectorEnv(2).reset(options={"reset_mask": np.array([True, False])})
+
+
+@pytest.mark.parametrize("seed", ["a", 1.5, [1, "b"], {1: 2, 3: 4}], ids=str)
+def test_a_seed_that_is_no_number_is_refused(seed: Any) -> None:
+    with pytest.raises(ConfigError, match="must be a whole number, or one for each world"):
+        TwinVectorEnv(2).reset(seed=seed)
+
+
+def test_no_worlds_and_no_threads_are_refused() -> None:
+    with pytest.raises(ConfigError, match="threads is 0, but must be a whole number from 1 on"):
+        TwinVectorEnv(2, threads=0)
+    with pytest.raises(ConfigError, match="num_envs is 0"):
+        TwinVectorEnv(0)
