@@ -7,6 +7,7 @@ and paid for speed.
 """
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from drl_av.config import Config
+from drl_av.config import Config, LearningConfig
 from drl_av.config.learning import SPAN_M_S
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.masked_policy import KIND
@@ -39,6 +40,8 @@ SIDES = np.array(SIGNS)
 MIDDLE_M_S = 20.0
 """The speed that earns nothing."""
 VALUE_SCALE = 10.0
+BESIDE_PPO = {"algorithm", "seed"}
+"""The settings of [learning] that PPO at scale uses."""
 
 
 class Part:
@@ -254,7 +257,7 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
             f"Lanes end or leave on {config.simulation.scenario}: set observation.way = true, as "
             "the preset large-merge does."
         )
-    _require_full_batches(config)
+    _require_settings(config)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists already: choose another folder with --out.")
     settings, worlds = config.ppo, TwinWorlds(config, config.learning.seed)
@@ -280,9 +283,15 @@ def train_at_scale(folder: Path, config: Config) -> Iterator[Progress]:
         yield progress
 
 
-def _require_full_batches(config: Config) -> None:
-    """Raise ConfigError if worlds or batches are empty, or a batch has a minibatch of one row."""
+def _require_settings(config: Config) -> None:
+    """Raise ConfigError if settings would be ignored, or numbers of PPO do not fit each other."""
     ppo, kinds = config.ppo, max(len(config.traffic.presets), 1)
+    own, usual = asdict(config.learning), asdict(LearningConfig())
+    if others := [name for name in usual.keys() - BESIDE_PPO if own[name] != usual[name]]:
+        raise ConfigError(
+            f"learning.{min(others)} belongs to the training by Algorithm 1, and PPO at scale "
+            "would ignore it: leave it out."
+        )
     if ppo.worlds < kinds:
         raise ConfigError(
             f"ppo.worlds is {ppo.worlds}, but traffic.presets has {kinds} kinds of traffic: set "

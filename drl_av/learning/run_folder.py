@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
-from drl_av.config import Config, from_toml, load_config
+from drl_av.config import Config, PpoConfig, from_toml, load_config
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.policy_file import load, load_policy, save, save_policy
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
@@ -231,7 +231,12 @@ def open_training(
         RunError: the folder is not new, cannot be made, or another process trains in it.
         CheckpointError: the checkpoint is damaged or of other settings, or cannot be written.
     """
-    run = Run(folder)
+    run, usual = Run(folder), asdict(PpoConfig())
+    if others := [name for name, value in asdict(config.ppo).items() if value != usual[name]]:
+        raise ConfigError(
+            f"ppo.{others[0]} belongs to PPO at scale, and Algorithm 1 would ignore it: leave it "
+            "out, or choose the preset large."
+        )
     with closing(HighwayEnv(config=config, **custom._asdict())) as env:
         training = build_training(env)
         if not resume:

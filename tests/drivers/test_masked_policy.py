@@ -213,3 +213,15 @@ def test_numbers_of_ppo_that_do_not_fit_each_other_are_refused_before_a_folder_i
     assert main(["train", "--preset", "large", "--out", str(out), *options]) == 1
     assert message in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("preset", "setting"), [("large", "learning.speed_weight=0.5"), ("fast", "ppo.decisions=100")]
+)
+def test_a_setting_that_the_other_training_has_is_not_ignored(
+    preset: str, setting: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main(["train", "--preset", preset, "--out", str(out), "-o", setting]) == 1
+    assert f"{setting.split('=')[0]} belongs to" in capsys.readouterr().err
+    assert not out.exists()
