@@ -5,7 +5,7 @@ DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
 .PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 level_2 results clean
-.PHONY: pretrained-merge
+.PHONY: pretrained-merge pretrained-exit
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -65,10 +65,10 @@ pretrained-paper: setup
 	cd runs/pretrained-paper && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/paper/
 
-# The driver of the on-ramp, trained again in the twin (half an hour).
-pretrained-merge: setup
-	$(BIN)/drl-av train --preset large-merge --out runs/$@
-	cd runs/$@ && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/merge/
+# The drivers of the on-ramp and the off-ramp, trained again in the twin (half an hour each).
+pretrained-merge pretrained-exit: pretrained-%: setup
+	$(BIN)/drl-av train --preset large-$* --out runs/$@
+	cd runs/$@ && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/$*/
 
 # The level-k drivers of the traffic, trained again among drivers of one level less (minutes).
 level_1 level_2: setup
@@ -101,8 +101,8 @@ results: setup
 	$(call text,exit.txt,-m verification.ramps --kind exit --driver gap-mobil sumo --episodes 60)
 	$(call text,ramp_to_ramp.txt,-m verification.ramps --kind ramp_to_ramp --driver gap-mobil sumo --episodes 30)
 	$(call text,merge_learned.txt,-m verification.ramps --kind merge --driver pretrained-merge --episodes 200)
-	$(call text,exit_learned.txt,-m verification.ramps --kind exit --driver pretrained-exit --episodes 600)
-	$(call text,ramp_to_ramp_learned.txt,-m verification.ramps --kind ramp_to_ramp --driver pretrained-ramp_to_ramp --episodes 200)
+	$(call text,exit_learned.txt,-m verification.ramps --kind exit --driver pretrained-exit --episodes 600 --seed 770000)
+	$(call text,ramp_to_ramp_learned.txt,-m verification.ramps --kind ramp_to_ramp --driver pretrained-ramp_to_ramp --episodes 200 --seed 770000)
 	$(BIN)/drl-av train --preset paper-merge --out runs/paper-merge
 	$(BIN)/drl-av train --preset paper-exit --out runs/paper-exit
 	$(BIN)/drl-av train --preset paper-ramp_to_ramp --out runs/paper-ramp_to_ramp

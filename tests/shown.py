@@ -27,6 +27,9 @@ def fenced(page: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", read(page), flags=re.DOTALL)
 
 
+SMALL_PPO = ("decisions=128", "batch_size=64", "minibatch_size=64", "worlds=8")
+
+
 def run_commands(page: str, folder: Path) -> None:
     """Run the console commands of a page in order, but those that need a screen."""
     lines = [line for block in fenced(page, "console") for line in block.splitlines()]
@@ -38,6 +41,8 @@ def run_commands(page: str, folder: Path) -> None:
         if verb == "evaluate" and "--episodes" in options:
             del options[options.index("--episodes") :][:2]
         small = [] if "--resume" in options else SMALL[verb]
+        if any(word.startswith("large") for word in options):
+            small = [word for number in SMALL_PPO for word in ("-o", f"ppo.{number}")]
         run(folder, "-m", "drl_av", verb, *options, *small)
 
 

@@ -49,16 +49,16 @@ def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper(
     assert checksum(find_policy(folder)) == made_by["policies_sha256"]["paper-0"]  # Fig. 6
 
 
-def test_on_the_on_ramp_it_was_trained_by_the_preset_large_merge() -> None:
-    config = load_actor(SHIPPED["pretrained-merge"] / "policy.safetensors")[1]
-    assert config == load_config(SHIPPED["pretrained-merge"] / "config.toml")
-    assert config == preset("large-merge")
+@pytest.mark.parametrize("kind", ["merge", "exit"])
+def test_on_the_ramps_they_were_trained_by_the_preset_of_their_road(kind: str) -> None:
+    folder = SHIPPED[f"pretrained-{kind}"]
+    config = load_actor(folder / "policy.safetensors")[1]
+    assert config == load_config(folder / "config.toml") == preset(f"large-{kind}")
 
 
-@pytest.mark.parametrize("kind", ["exit", "ramp_to_ramp"])
-def test_to_an_exit_they_were_trained_by_the_preset_of_their_road(kind: str) -> None:
-    expected = with_late_braking(preset(f"fast-{kind}"))
-    assert load_config(SHIPPED[f"pretrained-{kind}"] / "config.toml") == expected
+def test_from_ramp_to_ramp_it_was_trained_by_the_preset_of_its_road() -> None:
+    expected = with_late_braking(preset("fast-ramp_to_ramp"))
+    assert load_config(SHIPPED["pretrained-ramp_to_ramp"] / "config.toml") == expected
 
 
 @pytest.mark.parametrize("kind", RAMPS)
@@ -71,7 +71,7 @@ def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind:
     assert sum(trip.success for trip in trips) >= 5
 
 
-ACTORS = ("pretrained", "pretrained-merge")
+ACTORS = ("pretrained", "pretrained-merge", "pretrained-exit")
 Q_NETWORKS = {name: folder for name, folder in SHIPPED.items() if name not in ACTORS}
 Q_NETWORKS |= {folder.name: folder for folder in LEVELS.values()}
 

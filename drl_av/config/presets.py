@@ -59,23 +59,23 @@ def _with_ramps(name: str, scenario: str) -> Config:
 
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     PRESETS[f"paper-{_scenario}"] = _with_ramps("paper", _scenario)
-PRESETS["large-merge"] = (
-    _with_ramps("large", "merge")
-    .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
-    .updated("ppo", decisions=3_000_000, collision_cost=100.0)
-)
-# A training to an exit has ten times as many episodes as on the loop, because an episode has about
-# a quarter of the decisions. The penalty is smaller, because the safety check often refuses a lane
-# change that the ego needs in order to follow its route, and the driver has to propose it again.
-for _scenario in ("exit", "ramp_to_ramp"):
-    PRESETS[f"fast-{_scenario}"] = _with_ramps("fast", _scenario).updated(
-        "learning",
-        episodes=2000,
-        evaluate_every=80,
-        target_update_episodes=8,
-        unsafe_penalty=0.1,
-        permitted_only=True,
+for _scenario, _cost in (("merge", 0.5), ("exit", 20.0)):
+    PRESETS[f"large-{_scenario}"] = (
+        _with_ramps("large", _scenario)
+        .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
+        .updated("ppo", decisions=3_000_000, collision_cost=100.0, forced_brake_cost=_cost)
     )
+# Its training has ten times as many episodes as on the loop, because an episode has about a quarter
+# of the decisions. The penalty is smaller, because the safety check often refuses a lane change
+# that the ego needs in order to follow its route, and the driver has to propose it again.
+PRESETS["fast-ramp_to_ramp"] = _with_ramps("fast", "ramp_to_ramp").updated(
+    "learning",
+    episodes=2000,
+    evaluate_every=80,
+    target_update_episodes=8,
+    unsafe_penalty=0.1,
+    permitted_only=True,
+)
 
 
 def preset(name: str) -> Config:

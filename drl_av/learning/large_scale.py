@@ -23,6 +23,7 @@ from drl_av.config.reference import annotated_toml
 from drl_av.drivers.masked_policy import KIND
 from drl_av.drivers.policy_file import save
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
+from drl_av.driving.affordances import LANE
 from drl_av.driving.wide_observation import MOST, WIDE_SIZE
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
 from drl_av.env.route_outcome import EXIT_MISSED
@@ -42,6 +43,10 @@ MIDDLE_M_S = 20.0
 VALUE_SCALE = 10.0
 BESIDE_PPO = {"algorithm", "seed"}
 """The settings of [learning] that PPO at scale uses."""
+AFTER_CHANGE = 10
+"""Number of decisions after a lane change in which it may make others brake."""
+REAR_OF = np.array([1, 5, 3])
+"""The slots of the vehicles behind the ego in its lane, and in those to the left and right."""
 
 
 class Part:
@@ -53,7 +58,9 @@ class Part:
             rows.stop - rows.start, config=config, autoreset_mode=AutoresetMode.DISABLED, threads=2
         )
         self.env.reset(seed=seed + rows.start)
+        self._worlds = np.arange(self.env.num_envs)
         self._trend = np.zeros(self.env.num_envs, np.int64)
+        self._since_change = np.full(self.env.num_envs, AFTER_CHANGE)
         self._most = self.env.open.most_in_training if self.env.open else None
         self._rng = np.random.default_rng(seed)
 
@@ -65,26 +72,18 @@ class Part:
             without that.
         """
         env, costs, (origin, target) = self.env, self._costs, self.env.episodes.lanes.T.copy()
-        was_m_s = env.episodes.scene[:, 2].copy()
+        was_m_s, codes = env.episodes.scene[:, 2].copy(), env.episodes.codes.copy()
         _, _, terminated, truncated, info = env.step(action)
         executed, speed, values = info["executed_action"], info["speed_m_s"], env.episodes.values
-        before_m_s = env.episodes.scene[:, 2].copy()
-        before_m_s[:, : was_m_s.shape[1]] = was_m_s
-        for row, kept in env.kept.items():
-            before_m_s[row] = env.episodes.scene[row, 2]  # one that has entered has not braked
-            before_m_s[row, : len(kept)] = was_m_s[row, kept]
         reward = (speed - MIDDLE_M_S) / SPAN_M_S
         aborts = (origin != target) & (SIDES[executed // 4] == origin - target)
-        change = speed - before_m_s[:, 0]
+        change = speed - was_m_s[:, 0]
         trend = np.sign(change) * (np.abs(change) > CHANGE_M_S)
         reversals = trend * self._trend < 0
         self._trend = np.where(trend == 0, self._trend, trend).astype(np.int64)
-        has_front, rear = env.episodes.codes[:, 0] > 0, np.maximum(env.episodes.codes[:, 1], 0)
+        has_front = env.episodes.codes[:, 0] > 0
         is_short = has_front & (values[:, 0] < SHORT_HEADWAY_S * speed) & (speed > CRAWLING_M_S)
-        changing = (origin != target) | (env.episodes.lanes[:, 0] != env.episodes.lanes[:, 1])
-        worlds = np.arange(env.num_envs)
-        braking = before_m_s[worlds, rear] - env.episodes.scene[worlds, 2, rear]
-        forced = changing & (rear > 0) & (braking > FORCED_M_S2)
+        forced = self._forced((origin, target), codes, was_m_s)
         reward -= costs.abort_cost * aborts + costs.reversal_cost * reversals
         reward -= costs.hard_brake_cost * (executed % 4 == HARD_BRAKE)
         reward -= costs.short_headway_cost * is_short + costs.forced_brake_cost * forced
@@ -92,11 +91,44 @@ class Part:
         reward -= costs.collision_cost * failed
         return reward.astype(np.float32), failed, truncated & ~failed
 
+    def _forced(
+        self, lanes: tuple[IntArray, IntArray], codes: IntArray, was_m_s: FloatArray
+    ) -> Flags:
+        """Return in which worlds a lane change made a vehicle behind the ego brake.
+
+        On a loop it is the vehicle behind the ego after a decision of the lane change. On an open
+        road, where the ego has to change lanes, it is one behind it in its lane or in the lane that
+        it enters, during the lane change and for ``AFTER_CHANGE`` decisions after the ego has
+        reached the lane.
+
+        Args:
+            lanes: The lanes of the lane changes before the decision.
+            codes: The codes of the indicators before it, shape (worlds, 10).
+            was_m_s: The speed of each vehicle before it, shape (worlds, vehicles).
+        """
+        (origin, target), episodes = lanes, self.env.episodes
+        new_origin, new_target = episodes.lanes.T
+        counts = (origin != target) | (new_origin != new_target)
+        rears, now_m_s = episodes.codes[:, 1:2], episodes.scene[:, 2, : was_m_s.shape[1]].copy()
+        if self.env.open is not None:
+            lane = codes[:, LANE]
+            stays = episodes.codes[:, LANE] == lane
+            self._since_change = np.where(stays, self._since_change + 1, 0)
+            side = np.sign(np.where(origin != target, target, new_target) - lane)
+            rears = codes[self._worlds[:, None], np.stack((np.ones_like(side), REAR_OF[side]), 1)]
+            counts |= self._since_change < AFTER_CHANGE
+            for row, kept in self.env.kept.items():
+                now_m_s[row] = was_m_s[row]  # those that have left have not braked
+                now_m_s[row, kept] = episodes.scene[row, 2, : len(kept)]
+        braking = np.take_along_axis(was_m_s - now_m_s, np.maximum(rears, 0), axis=1)
+        forced: Flags = counts & ((rears > 0) & (braking > FORCED_M_S2)).any(axis=1)
+        return forced
+
     def begin_anew(self, worlds: Flags) -> None:
         """Begin a new episode in some worlds, bool of shape (worlds,)."""
         if not worlds.any():
             return
-        self._trend[worlds] = 0
+        self._trend[worlds], self._since_change[worlds] = 0, AFTER_CHANGE
         if self._most is None:
             self.env.reset(options={"reset_mask": worlds})
             return

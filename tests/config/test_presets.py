@@ -55,7 +55,7 @@ def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(here: Path) ->
 
 
 @pytest.mark.parametrize(
-    "words", ["paper-merge", "paper-exit", "paper-ramp_to_ramp", "large-merge", "fast-exit"]
+    "words", ["paper-exit", "paper-ramp_to_ramp", "large-merge", "large-exit", "fast-ramp_to_ramp"]
 )
 def test_a_preset_for_ramps_observes_the_way_under_strict(words: str) -> None:
     name, scenario = words.split("-")

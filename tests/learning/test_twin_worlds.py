@@ -21,7 +21,7 @@ LARGE = (
     .updated("simulation", decisions_per_episode=6)
     .updated("traffic", presets=("calm", "overtaking"), vehicles_min=2, vehicles_max=5)
 )
-TO_THE_EXIT = PRESETS["large-merge"].updated("simulation", scenario="exit")
+TO_THE_EXIT = PRESETS["large-exit"]
 KEEP, ACCELERATE, HARD_BRAKE = 0, 1, 3
 RIGHT_ACCELERATE, RIGHT_HARD_BRAKE, LEFT_ACCELERATE = 5, 7, 9
 """The numbers of some actions."""
@@ -168,33 +168,39 @@ def test_every_density_up_to_twice_the_usual_one_is_driven(egos_at_the_exit: Twi
     assert 1.7 * usual < max(numbers) <= 2 * usual
 
 
-def test_braking_behind_the_ego_is_that_of_the_same_vehicle_after_others_have_left() -> None:
+def test_where_lanes_end_those_behind_in_both_lanes_count_until_ten_decisions_later() -> None:
     settings = TO_THE_EXIT.updated("safety", check="permit_all")
-    part, costs = Part(slice(0, 12), settings.with_traffic("calm"), seed=3), settings.ppo
-    env, forced, moved = part.env, 0, 0
-    for decision in range(120):
+    settings = settings.updated("ppo", abort_cost=0.0, reversal_cost=0.0, hard_brake_cost=0.0)
+    settings = settings.updated("ppo", short_headway_cost=0.0, forced_brake_cost=7.0)
+    part = Part(slice(0, 12), settings.with_traffic("calm"), seed=3)
+    env, since, seen, moved = part.env, [10] * 12, set[tuple[str, bool]](), 0
+    for decision in range(160):
         before = [env.scene(row) for row in range(12)]
-        action = RIGHT_ACCELERATE if decision // 8 % 2 else LEFT_ACCELERATE
-        aside = np.where(env.episodes.executed[:, action] == action, action, KEEP)
-        reward, failed, late = part.step(aside)
-        for row in np.flatnonzero(~failed & ~late):
+        action = RIGHT_ACCELERATE if decision // 20 % 2 else LEFT_ACCELERATE
+        reward, failed, late = part.step(np.full(12, action if decision % 20 < 8 else KEEP))
+        for row in np.flatnonzero(~failed & ~late).tolist():
             then, now = before[row], env.scene(row)
-            rear = now.affordances.own_rear
-            if rear is None or (then.lane_change is None and now.lane_change is None):
-                continue
-            name = now.snapshot.ids[rear.vehicle]
-            if name not in then.snapshot.ids:
-                continue
-            former = then.snapshot.ids.index(name)
-            moved += former != rear.vehicle
-            lost_m_s = then.snapshot.speed_m_s[former] - now.snapshot.speed_m_s[rear.vehicle]
-            if lost_m_s > 2.0:
-                speed_m_s = float(now.snapshot.speed_m_s[0])
-                assert reward[row] <= (speed_m_s - 20.0) / 10.0 - costs.forced_brake_cost + 1e-5
-                forced += 1
+            lane, change = then.affordances.lane, then.lane_change or now.lane_change
+            since[row] = 0 if now.affordances.lane != lane else since[row] + 1
+            forced = ""
+            for place, side in (("own", 0), ("other", change.target - lane if change else 0)):
+                rear = then.affordances.rear(side)
+                if rear is None or then.snapshot.ids[rear.vehicle] not in now.snapshot.ids:
+                    continue
+                after = now.snapshot.ids.index(then.snapshot.ids[rear.vehicle])
+                moved += after != rear.vehicle
+                lost_m_s = then.snapshot.speed_m_s[rear.vehicle] - now.snapshot.speed_m_s[after]
+                forced = forced or place * bool(lost_m_s > 2.0)
+            counts = change is not None or since[row] < 10
+            cost = 7.0 * (counts and bool(forced))
+            earned = (float(now.snapshot.speed_m_s[0]) - 20.0) / 10.0 - cost
+            assert float(reward[row]) == pytest.approx(earned, abs=1e-5), (decision, row)
+            seen.add((forced, change is not None))
+        for row in np.flatnonzero(failed | late).tolist():
+            since[row] = 10
         part.begin_anew(failed | late)
-    assert forced > 0
-    assert moved > 0
+    assert {("own", True), ("own", False), ("other", True)} <= seen
+    assert moved > 0  # others have left
 
 
 def test_a_missed_exit_ends_the_episode_like_a_collision(egos_at_the_exit: TwinWorlds) -> None:

@@ -33,7 +33,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short training on the road to an exit."""
     home = tmp_path_factory.mktemp("way")
     (home / "short.toml").write_text(SHORT)
-    words = ["--preset", "fast-exit", "--config", str(home / "short.toml")]
+    words = ["--preset", "fast-ramp_to_ramp", "--config", str(home / "short.toml")]
     assert main(["train", "--out", str(home / "run"), *words]) == 0
     return home / "run"
 

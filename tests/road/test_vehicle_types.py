@@ -188,7 +188,7 @@ def test_bounds_that_follow_the_types_are_accepted(changed: Change) -> None:
 def test_a_driver_that_proposes_permitted_actions_asks_the_check_for_the_types_of_the_scenario(
     changed: Change,
 ) -> None:
-    folder, specs = changed("traffic", maxSpeedLat="0.5"), find_drivers(["pretrained-exit"])
+    folder, specs = changed("traffic", maxSpeedLat="0.5"), find_drivers(["pretrained-ramp_to_ramp"])
     config = default_config(specs).updated("simulation", scenario=str(folder))
     narrow = config.updated("strict", lateral_speed_m_s=0.5)  # types as written have 0.76
     HighwayEnv(config=narrow).close()
