@@ -168,8 +168,7 @@ def number_of_vehicles(
         draw_number = generator(seed, Stream.NUMBER_OF_VEHICLES)
         return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))
     vehicles = options["vehicles"]
-    if isinstance(vehicles, bool) or not isinstance(vehicles, int | np.integer) or vehicles < 0:
-        raise ConfigError(f"vehicles is {vehicles!r}, but must be a whole number from 0 on.")
+    require_numbers(vehicles=(vehicles, 0, None))
     return int(vehicles)
 
 

@@ -23,7 +23,7 @@ from drl_av.config.reference import annotated_toml
 from drl_av.drivers.masked_policy import KIND
 from drl_av.drivers.policy_file import save
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
-from drl_av.driving.affordances import LANE
+from drl_av.driving.affordances import LANE, slot_of
 from drl_av.driving.wide_observation import MOST, WIDE_SIZE
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
 from drl_av.env.route_outcome import EXIT_MISSED
@@ -45,7 +45,7 @@ BESIDE_PPO = {"algorithm", "seed"}
 """The settings of [learning] that PPO at scale uses."""
 AFTER_CHANGE = 10
 """Number of decisions after a lane change in which it may make others brake."""
-REAR_OF = np.array([1, 5, 3])
+REAR_OF = np.array([slot_of(side) + 1 for side in (0, 1, -1)])
 """The slots of the vehicles behind the ego in its lane, and in those to the left and right."""
 
 
