@@ -118,6 +118,7 @@ results: setup
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(BIN)/python -m verification.time_to_quality
+	$(call text,twin_costs.txt,tools/measure_twin.py)
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(call text,benchmark_roads.txt,tools/benchmark.py roads)
 	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb

@@ -1,6 +1,8 @@
 import importlib
 import json
-from contextlib import closing
+import sys
+import types
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from programs import python
@@ -72,20 +74,64 @@ import json, sys
 sys.path.insert(0, {str(TOOLS)!r})
 class Without:
     def find_spec(self, name, path=None, target=None):
-        if name in ("highway_env", "torch", "stable_baselines3"):
+        if name in ("envpool", "highway_env", "torch", "stable_baselines3"):
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Without())
 import benchmark, benchmark_rows
 benchmark.ROWS["env"] = lambda seeds, stack: [benchmark_rows.Row("mine", lambda: 2.0, lambda: 1.0)]
-sys.argv[1:] = ["env", "highway-env", "step", "train", "--rounds", "1", "--episodes", "1", "--json"]
+sys.argv[1:] = ["env", "envpool", "highway-env", "step", "train", "--rounds", "1"]
+sys.argv += ["--episodes", "1", "--json"]
 benchmark.main()
 """
     done = python("-c", program)
     assert done.returncode == 0, done.stderr
     assert [row["name"] for row in json.loads(done.stdout)] == ["mine"]
     for line in (
+        "envpool: not measured, it needs envpool: pip install 'drl-av[benchmark]'",
         "highway-env: not measured, it needs highway_env: pip install 'drl-av[benchmark]'",
         "step: not measured, it needs torch: pip install 'drl-av[train]'",
         "train: not measured, it needs torch: pip install 'drl-av[train]'",
     ):
         assert line in done.stderr.splitlines()
+
+
+def test_a_simulated_step_of_the_twin_is_half_a_second_and_one_of_envpool_a_fifteenth(monkeypatch):
+    monkeypatch.syspath_prepend(str(TOOLS))
+    rows = importlib.import_module("benchmark_rows")
+    made = {}
+
+    class Pool:
+        def __init__(self):
+            self.config = {"simulation_frequency": 15}
+
+        def reset(self):
+            made["actions"] = []
+
+        def step(self, actions):
+            made["actions"].append(actions.tolist())
+
+    def make(name, **settings):
+        made.update(settings, name=name)
+        return Pool()
+
+    monkeypatch.setitem(sys.modules, "envpool", types.SimpleNamespace(make=make))
+    monkeypatch.setattr(rows, "WORLDS", 2)
+    monkeypatch.setattr(rows, "DECISIONS", 3)
+    with ExitStack() as stack:
+        decisions, steps = rows.envpool_rows([1_000], stack)
+        assert decisions.ours() > 0
+        assert decisions.beside() > 0
+    assert made["actions"] == 3 * [[1, 1]]  # keep lane and speed, in each of two worlds
+    assert (made["name"], made["lanes_count"], made["vehicles_count"]) == ("Highway-v0", 3, 30)
+    assert (made["num_envs"], made["num_threads"]) == (2, 1)
+    assert steps.ours.args[1] == 2
+    assert steps.beside.args[1] == 15
+    assert rows.multiplied(lambda: 10.0, steps.beside.args[1]) == 150.0
+
+
+def test_a_world_of_the_twin_takes_as_much_memory_as_its_arrays(monkeypatch):
+    monkeypatch.syspath_prepend(str(TOOLS))
+    measure = importlib.import_module("measure_twin")
+    few, many = (measure.kib_a_world(vehicles, 2) for vehicles in (5, 30))
+    # 27 rows of x, 25 of z, 6 of the scene and 2 of before, 8 bytes each, for every vehicle
+    assert many - few == 25 * (27 + 25 + 6 + 2) * 8 / 1024

@@ -11,7 +11,11 @@
     planner      decisions of the planner beside those of pretrained, at 30 vehicles, without the
                  steps of the environment
     worlds       256 worlds of the twin with 30 vehicles each, on one thread, under each safety
-                 check, beside the environment
+                 check, beside the environment; and with 112 vehicles, as many as can start,
+                 beside 30
+    envpool      256 worlds of the twin beside 256 of EnvPool's Highway-v0 at 3 lanes, 30 vehicles
+                 and one decision per second, which it simulates at its own default of 15 Hz; each
+                 on one thread, per CPU second
     step         a training step (sampled batch, double Q target, gradient, Adam) beside a bare
                  gradient step of PyTorch on one batch: autograd and fused Adam
     train        Algorithm 1 of the paper beside stable-baselines3's DQN on the same environment
@@ -46,6 +50,7 @@ from benchmark_rows import (
     NUMBERS,
     Row,
     env_rows,
+    envpool_rows,
     highway_env_rows,
     planner_rows,
     processes_rows,
@@ -73,13 +78,19 @@ def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     return benchmark_learning.train_rows(seeds, stack)
 
 
-EXTRAS = {"highway_env": "benchmark", "torch": "train", "stable_baselines3": "dev"}
+EXTRAS = {
+    "envpool": "benchmark",
+    "highway_env": "benchmark",
+    "torch": "train",
+    "stable_baselines3": "dev",
+}
 """The extra of drl-av with which each package is installed that only some rows need."""
 ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "env": env_rows,
     "traffic": traffic_rows,
     "planner": planner_rows,
     "worlds": worlds_rows,
+    "envpool": envpool_rows,
     "step": step_rows,
     "train": train_rows,
     "highway-env": highway_env_rows,

@@ -46,6 +46,10 @@ ON_STRAIGHT = 500
 WORLDS, DECISIONS = 256, 40
 ACCELERATE, BRAKE = 1, 2
 """Actions of the twin's ego: it accelerates where that is permitted, and brakes otherwise."""
+POOL_IDLE = 1
+"""Action of EnvPool's ego, and of HighwayEnv's, that keeps speed and lane."""
+MANY = 112
+"""As many vehicles as can start in the twin, all within 250 m of the ego."""
 NUMBERS = (5, 10, 30, 60, 120, 240)
 FEW_RATIO = 0.7
 """The least ratio to bare libsumo that we want at 5 vehicles."""
@@ -140,25 +144,75 @@ def measurements(env: HighwayEnv, actions: dict[int, list[int]]) -> tuple[Rate, 
 
 
 def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Return rows of decisions per second of many worlds of the twin beside the environment's."""
+    """Return rows of decisions per second of many worlds of the twin.
+
+    Beside them are the environment, and the worlds themselves with fewer vehicles on a road that is
+    shorter by as much.
+    """
     rows = []
     for check in LEAST_RATIOS:
         config = crowded().updated("safety", check=check)
         env = stack.enter_context(closing(HighwayEnv(config=config)))
         actions = recorded_actions(env, IdmDriver(config.safety), seeds)
-        worlds = stack.enter_context(closing(TwinVectorEnv(WORLDS, config=config, threads=1)))
-        rates = partial(drive_worlds, worlds, seeds[0]), partial(drive, env, actions)
+        rates = worlds_rate(config, seeds[0], stack), partial(drive, env, actions)
         rows.append(Row(f"{WORLDS} worlds of the twin, check {check} | environment", *rates))
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+    rates = {}
+    for number in (VEHICLES, MANY):
+        write_scenario(folder / str(number), ScenarioDescription(25.0 * number))
+        config = crowded(number).updated("simulation", scenario=str(folder / str(number)))
+        rates[number] = worlds_rate(config, seeds[0], stack)
+    name = f"{WORLDS} worlds of the twin, {MANY} vehicles | {VEHICLES} vehicles"
+    rows.append(Row(name, rates[MANY], rates[VEHICLES], VEHICLES / MANY / 1.5))
     return rows
 
 
+def worlds_rate(config: Config, seed: int, stack: ExitStack) -> Rate:
+    """Return the measurement of ``WORLDS`` worlds of the twin on one thread."""
+    worlds = stack.enter_context(closing(TwinVectorEnv(WORLDS, config=config, threads=1)))
+    return partial(drive_worlds, worlds, seed)
+
+
 def drive_worlds(worlds: TwinVectorEnv, seed: int) -> float:
-    """Drive all worlds from the start of an episode, and return their decisions per second."""
-    worlds.reset(seed=seed, options={"vehicles": VEHICLES})
-    begun = time.perf_counter()
+    """Drive all worlds from the start of an episode; return their decisions per CPU second."""
+    worlds.reset(seed=seed, options={"vehicles": worlds.config.traffic.vehicles_min})
+    begun = time.process_time()
     for _ in range(DECISIONS):
         worlds.step(np.where(worlds.action_masks()[:, ACCELERATE], ACCELERATE, BRAKE))
-    return WORLDS * DECISIONS / (time.perf_counter() - begun)
+    return WORLDS * DECISIONS / (time.process_time() - begun)
+
+
+def envpool_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return rows of many worlds of the twin beside EnvPool's Highway-v0, per CPU second.
+
+    EnvPool simulates at its default of 15 Hz, the twin at 2 Hz.
+    """
+    import envpool
+
+    scene = {"lanes_count": 3, "vehicles_count": VEHICLES}
+    pool = envpool.make(
+        "Highway-v0", env_type="gymnasium", num_envs=WORLDS, num_threads=1, seed=seeds[0], **scene
+    )
+    ours, beside = worlds_rate(crowded(), seeds[0], stack), partial(drive_pool, pool)
+    steps = Config().simulation.steps_per_decision, pool.config["simulation_frequency"]
+    times = [partial(multiplied, *pair) for pair in zip((ours, beside), steps, strict=True)]
+    name = f"{WORLDS} worlds of the twin | EnvPool"
+    return [Row(name, ours, beside), Row(f"{name}, simulated steps", *times)]
+
+
+def drive_pool(pool: Any) -> float:
+    """Drive EnvPool's highways with one constant action; return their decisions per CPU second."""
+    pool.reset()
+    idle = np.full(WORLDS, POOL_IDLE, np.int32)
+    begun = time.process_time()
+    for _ in range(DECISIONS):
+        pool.step(idle)
+    return WORLDS * DECISIONS / (time.process_time() - begun)
+
+
+def multiplied(rate: Rate, factor: float) -> float:
+    """Measure a rate and multiply it."""
+    return factor * rate()
 
 
 def highway_env_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
