@@ -120,7 +120,6 @@ results: setup
 	$(BIN)/python -m verification.time_to_quality
 	$(call text,twin_costs.txt,tools/measure_twin.py)
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
-	$(call text,benchmark_roads.txt,tools/benchmark.py roads)
 	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
 	$(BIN)/python tools/draw_stories.py docs/assets/stories

@@ -20,8 +20,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 N = TypeVar("N", bound=tuple[Any, ...])
 NOTICE = (
-    "drl-av compiles functions that are used for the first time on this machine, for up to a "
-    "minute, and keeps them."
+    "drl-av compiles functions that are used for the first time on this machine, for a minute "
+    "or two, and keeps them."
 )
 
 
