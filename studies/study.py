@@ -19,7 +19,7 @@ from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from studies.engine import EpisodeCell
-from studies.options import FOLDER, Options, Plan
+from studies.options import Options, Plan
 from studies.trainings import TrainingJob
 
 if TYPE_CHECKING:
@@ -277,20 +277,6 @@ class FileStudy:
 def changed(config: Config, settings: Settings) -> Config:
     """Return the config with other values of some settings; ``traffic.kind`` names a kind."""
     return from_sections(settings, config, "a study")
-
-
-def with_check(config: Config, bounds: str) -> Config:
-    """Return the settings with another safety check.
-
-    Args:
-        config: The settings to change.
-        bounds: ``"paper"`` for the check ``paper``, ``"strict"`` for the check ``strict`` with the
-            bounds of ``config``, or ``"real"`` for ``strict`` with bounds of real traffic. They are
-            the variants of ``strict.toml``.
-    """
-    study = FileStudy(FOLDER / "strict.toml")
-    [settings] = [each.settings for each in study.variants if each.name == bounds]
-    return changed(config, {"safety": {"check": "paper"}, **settings})
 
 
 def _training_base(name: str, options: Options) -> Config:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from programs import python
-from shown import ROOT, fenced, read, run, run_commands
+from shown import ROOT, fenced, read, run, run_commands, with_check
 
 import drl_av
 from drl_av.cli import VERBS
@@ -20,7 +20,6 @@ from drl_av.config import Config, from_toml
 from drl_av.config.reference import SECTIONS, settings
 from drl_av.drivers.onnx import INPUTS, OUTPUTS
 from drl_av.driving.affordances import INDICATORS
-from studies.study import with_check
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 ARGUMENTS = {

@@ -46,8 +46,6 @@ from drl_av.twin.worlds import (
 PERMIT_ALL, PAPER, STRICT = range(3)
 """The numbers of the safety checks."""
 CHECK_NUMBERS = {"permit_all": PERMIT_ALL, "paper": PAPER, "strict": STRICT}
-R_V, R_Y, R_X = range(3)
-"""The columns of ``Episodes.terms``."""
 
 
 class Episodes(NamedTuple):
@@ -82,7 +80,7 @@ class Episodes(NamedTuple):
     sums: FloatArray
     """Shape (worlds, 2): the sum of the speeds after each decision, and how often a rule held."""
     terms: FloatArray
-    """Shape (worlds, 3): the reward terms of the present scene."""
+    """Shape (worlds, 3): the reward terms r_v, r_y, r_x of the present scene."""
     collision: IntArray
     """Shape (worlds, 2): the kind of the ego's collision in the last decision, or ``NO_CONTACT``;
     and the row of the other vehicle."""

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from shown import with_check
 
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers
@@ -16,7 +17,7 @@ from studies.engine import draw, make
 from studies.options import FOLDER, Options
 from studies.pivot import markdown
 from studies.registry import PROGRAMS, STUDIES
-from studies.study import FileStudy, with_check
+from studies.study import FileStudy
 
 MINE = """
 meaning = "two drivers with two values of T_min"

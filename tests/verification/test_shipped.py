@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 from programs import python
-from shown import ROOT, read
+from shown import ROOT, read, with_check
 
 from drl_av.errors import ConfigError
-from studies.study import with_check
 from verification import crash_rate, falsify
 from verification.crash_simulation import SECONDS, drivers, run, settings
 from verification.naturalistic import PEOPLE
