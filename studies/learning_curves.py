@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.config.presets import LITERAL
+from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
@@ -42,6 +44,7 @@ VARIANTS: dict[str, Settings] = {
 CHANGES: dict[str, tuple[Settings, Settings]] = {
     **{name: (LATE_BRAKING, settings) for name, settings in VARIANTS.items()},
     **{f"mixed_{name}": (MIXED, settings) for name, settings in VARIANTS.items()},
+    "mixed_literal": (MIXED, LITERAL),
 }
 """The settings that each variant changes, by section of the config; "mixed_" stands before those in
 the traffic of the paper."""
@@ -51,6 +54,9 @@ EPISODES = {
     "prioritized": (10_000, *9 * (3000,)),
     "mixed_paper": 10 * (10_000,),
     "mixed_permit_all": 10 * (10_000,),
+    "mixed_prioritized": 5 * (10_000,),
+    "mixed_uniform": 5 * (10_000,),
+    "mixed_literal": (10_000,),
 }
 """The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
 number is raised."""
@@ -69,6 +75,8 @@ COLORS = {
     "prioritized": "#0072b2",
     "uniform": "#009e73",
 }
+REPLAY = ("mixed_paper", "mixed_prioritized", "mixed_uniform")
+"""The variants of Fig. 7 of the paper, in its own traffic; the first one has two buffers."""
 PANELS = {
     "mean_reward": "mean reward a decision, greedy",
     "training_reward": "the same while exploring",
@@ -151,10 +159,15 @@ class Curve(NamedTuple):
         return [mean_with_interval(column) for column in self.values.T]
 
     @property
+    def ends(self) -> FloatArray:
+        """The final performance of each seed: the mean over the last tenth of the evaluations."""
+        ends: FloatArray = self.values[:, -_end_of(len(self.episodes)) :].mean(axis=1)
+        return ends
+
+    @property
     def end(self) -> Mean:
-        """The final performance: the mean over the seeds and the last tenth of the evaluations."""
-        count = _end_of(len(self.episodes))
-        return mean_with_interval(self.values[:, -count:].mean(axis=1))
+        """The mean of ``ends`` over the seeds, with its 95 % confidence interval."""
+        return mean_with_interval(self.ends)
 
 
 def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
@@ -260,6 +273,28 @@ def convergence_table(folder: Path) -> str:
     return markdown_table(["training", "seeds", "converged at episode", *columns], lines)
 
 
+def replay_table(folder: Path) -> str:
+    """Return the Markdown table of what each kind of buffer ends with in the paper's traffic.
+
+    Interquartile means over the seeds, and the probability that a training with two buffers earns
+    more than one with the other kind; each with its 95 % interval (Agarwal et al. 2021).
+    """
+    rows, lines = ResultsFolder(folder).rows("curves.csv"), []
+    found = {row["variant"] for row in rows}
+    for variant in [variant for variant in REPLAY if variant in found]:
+        ours, rewards = (curve(rows, name, "mean_reward").ends for name in (REPLAY[0], variant))
+        speeds = curve(rows, variant, "mean_speed_m_s").ends
+        cells = [f"`{variant}`", str(len(rewards))]
+        for ends, digits in ((rewards, 4), (speeds, 2)):
+            mean = interquartile_mean([ends])
+            cells.append(f"{mean.value:.{digits}f} [{mean.low:.{digits}f}, {mean.high:.{digits}f}]")
+        is_ours = variant == REPLAY[0]
+        cells.append("-" if is_ours else str(probability_of_improvement([ours], [rewards])))
+        lines.append(cells)
+    heads = ("reward per decision", "mean speed, m/s", "probability that two buffers earn more")
+    return markdown_table(["training", "seeds", *heads], lines)
+
+
 def cost_table(folder: Path) -> str:
     """Return the Markdown table of the computing time that the paper's 200 trainings would take.
 
@@ -337,7 +372,7 @@ CURVES = Program(
     row="an evaluation; training_* are means over the training episodes since the one before",
     plan=curve_plan,
     derived={"convergence.csv": convergence},
-    tables={"convergence": convergence_table, "cost": cost_table},
+    tables={"convergence": convergence_table, "cost": cost_table, "replay": replay_table},
     figures={
         "learning_check": partial(
             learning_figure,
@@ -351,6 +386,9 @@ CURVES = Program(
         ),
         "learning_replay": partial(
             learning_figure, ("paper", "prioritized"), ("mean_reward", "safety_triggers")
+        ),
+        "learning_mixed_replay": partial(
+            learning_figure, REPLAY, ("mean_reward", "training_reward", "safety_triggers")
         ),
     },
 )

@@ -181,6 +181,36 @@ def test_replay_figure_draws_the_variants_there_are(tmp_path: Path) -> None:
     assert triggers.lines[0].get_ydata() == pytest.approx([7] * 3)
 
 
+REPLAYED = "variant,seed,episode,mean_reward,mean_speed_m_s\n" + "".join(
+    f"{variant},{seed},{episode},{reward if episode == 1000 else -9},{24 + seed}\n"
+    for variant, rewards in {
+        "mixed_paper": (-0.02, -0.03, -0.04, -0.05),
+        "mixed_uniform": (-0.01, -0.045, -0.06, -0.07),
+        "uniform": (5, 5, 5, 5),
+    }.items()
+    for seed, reward in enumerate(rewards)
+    for episode in range(100, 1001, 100)
+)
+"""Of the ten evaluations of each seed the last one is the end; calm traffic is a decoy."""
+
+
+def test_buffers_are_compared_by_the_middle_half_of_the_seeds_and_by_pairs(tmp_path: Path) -> None:
+    (tmp_path / "curves.csv").write_text(REPLAYED)
+    ours, uniform = (
+        [cell.strip() for cell in line.split("|")]
+        for line in CURVES.tables["replay"](tmp_path).splitlines()[2:]
+    )
+    # the middle two of four: -(0.03 + 0.04) / 2 and -(0.045 + 0.06) / 2; speeds (25 + 26) / 2
+    assert ours[1:3] == ["`mixed_paper`", "4"]
+    assert ours[3].startswith("-0.0350 [")
+    assert ours[4].startswith("25.50 [")
+    assert ours[5] == "-"
+    assert uniform[1:3] == ["`mixed_uniform`", "4"]
+    assert uniform[3].startswith("-0.0525 [")
+    # of 16 pairs ours wins 0 against -0.01, 3 against -0.045, and all 8 against the other two
+    assert uniform[5].startswith("0.69 [")
+
+
 ADAPTED = """
 [simulation]
 decisions_per_episode = 15
