@@ -7,10 +7,6 @@ from pathlib import Path
 
 from programs import python
 
-from drl_av.config import Config
-from studies.options import FOLDER
-from studies.study import FileStudy, changed
-
 ROOT = Path(__file__).parent.parent
 SMALL = {
     "scenario": [],
@@ -54,17 +50,3 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     done = python(*arguments, cwd=folder)
     assert done.returncode == 0, done.stderr
     return done
-
-
-def with_check(config: Config, bounds: str) -> Config:
-    """Return the settings with another safety check.
-
-    Args:
-        config: The settings to change.
-        bounds: ``"paper"`` for the check ``paper``, ``"strict"`` for the check ``strict`` with the
-            bounds of ``config``, or ``"real"`` for ``strict`` with bounds of real traffic. They are
-            the variants of ``strict.toml``.
-    """
-    study = FileStudy(FOLDER / "strict.toml")
-    [settings] = [each.settings for each in study.variants if each.name == bounds]
-    return changed(config, {"safety": {"check": "paper"}, **settings})

@@ -11,8 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from checks_of_study import with_check
 from programs import python
-from shown import ROOT, fenced, read, run, run_commands, with_check
+from shown import ROOT, fenced, read, run, run_commands
 
 import drl_av
 from drl_av.cli import VERBS

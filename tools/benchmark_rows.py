@@ -47,7 +47,7 @@ WORLDS, DECISIONS = 256, 40
 ACCELERATE, BRAKE = 1, 2
 """Actions of the twin's ego: it accelerates where that is permitted, and brakes otherwise."""
 POOL_IDLE = 1
-"""Action of EnvPool's ego, and of HighwayEnv's, that keeps speed and lane."""
+"""Action of EnvPool's ego that keeps speed and lane."""
 MANY = 112
 """As many vehicles as can start in the twin, all within 250 m of the ego."""
 NUMBERS = (5, 10, 30, 60, 120, 240)

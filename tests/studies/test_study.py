@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from shown import with_check
+from checks_of_study import with_check
 
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checks_of_study import with_check
 from programs import python
-from shown import ROOT, read, with_check
+from shown import ROOT, read
 
 from drl_av.errors import ConfigError
 from verification import crash_rate, falsify
