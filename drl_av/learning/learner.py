@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from drl_av.drivers.network import LEAK, Float32Array, Layers, QNetwork, forward
+from drl_av.drivers.network import Float32Array, Layers, QNetwork, activate_backward, forward
 from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.learning.replay import Batch
@@ -91,7 +91,7 @@ def backward(
         np.add.reduce(dz, axis=0, out=d_bias)
         if i:
             dz = dz @ layers[i][0]
-            dz *= np.maximum(entered[i] > 0, LEAK, dtype=dz.dtype)
+            activate_backward(dz, entered[i])
 
 
 class Update(NamedTuple):
