@@ -1,6 +1,6 @@
 """The study ``adaptation``: safety triggers with and without continual adaptation.
 
-It corresponds to Fig. 8 of the paper, with a driver of the preset ``fast``.
+It is Fig. 8 of the paper: the trained driver of Algorithm 1, in the paper's traffic in the twin.
 """
 
 from pathlib import Path
@@ -10,11 +10,10 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import adaptation as adapted
-from drl_av.config.presets import preset
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.evaluation.statistics import mean_with_interval, moving_average
-from drl_av.files import Row
-from studies.learning_curves import curve, reporting_plan
+from drl_av.road.road import FloatArray
+from studies.learning_curves import MIXED, Curve, curve, reporting_plan
 from studies.options import Options, Plan, Program
 from studies.results import ResultsFolder, markdown_table
 from studies.study import changed
@@ -23,91 +22,83 @@ from studies.trainings import TrainingJob, blocks_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ORIGIN = {
-    "episodes": 1000,
-    "seed": 1,
-    "evaluate_every": 100,
-    "speed_weight": 0.8,
-    "discount": 0.95,
-    "learning_rate": 1e-3,
-    "lane_change_margin": 0.04,
-}
-"""The [learning] settings in which the driver's training differs from the preset ``fast``."""
-LATE_BRAKING = {"traffic": {"keep_stopping_distance": False}}
-"""The traffic of these trainings, from before SUMO's vehicles kept a stopping distance."""
+SEEDS = 2
+"""Number of drivers, each of which learns with another seed."""
 CHANGES = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
 """The [learning] settings in which each variant differs from ``drl-av adapt``."""
-BLOCK = 100
+BLOCK = 500
 """Each row of ``adaptation.csv`` holds means over this number of episodes."""
-SUMMED_OVER = 10_000
-"""Each row of the documentation's table holds means over this number of episodes."""
 FILTERED_OVER = 10_000
-"""Number of episodes in the moving average of Sec. IV-D of the paper."""
+"""Number of episodes in the moving average of Sec. IV-D of the paper, and in a row of the table."""
 LABELS = {"adaptation": "continual adaptation", "no_adaptation": "no adaptation"}
 COLORS = {"adaptation": "#d55e00", "no_adaptation": "#000000"}
 
 
 def adaptation_plan(options: Options) -> Plan:
-    """Return a plan to continue the training of a driver, with and without learning.
+    """Return a plan to continue the trainings of Algorithm 1, with and without learning.
 
-    Because they continue with the experience that the driver collected, it is trained first. The
-    folder of this training contains the folders of the others.
+    Because they continue with the experience that the driver collected, it is trained first, in the
+    folder in which ``curves`` trains it. This folder contains the folders of the others.
     """
-    trained = changed(preset("fast"), LATE_BRAKING).updated("learning", **ORIGIN)
-    origin = _job("pretrained", options.with_files(trained), options.runs)
+    trained = options.with_files(changed(Config(), MIXED))
     base = options.with_files(adapted(trained))
-    configs = {
-        variant: base.updated("learning", seed=0, **settings)
-        for variant, settings in CHANGES.items()
-    }
-    jobs = [_job(name, config, origin.folder, origin) for name, config in configs.items()]
-    settings = {**configs, "pretrained": origin.config}
-    return reporting_plan(settings, [jobs], blocks_of)
-
-
-def _job(
-    variant: str, config: Config, within: Path, origin: TrainingJob | None = None
-) -> TrainingJob:
-    folder = within / f"{variant}-{config.learning.seed}"
-    return TrainingJob(variant, config, config.learning.episodes, folder, BLOCK, origin)
+    configs = {name: base.updated("learning", **settings) for name, settings in CHANGES.items()}
+    jobs = []
+    for seed in range(options.trainings(SEEDS)):
+        own = trained.updated("learning", seed=seed)
+        origin = TrainingJob.whole("mixed_paper", own, options.runs / f"mixed_paper-{seed}")
+        for variant, config in configs.items():
+            folder, episodes = origin.folder / f"{variant}-{seed}", config.learning.episodes
+            config = config.updated("learning", seed=seed)
+            jobs.append(TrainingJob(variant, config, episodes, folder, BLOCK, origin))
+    return reporting_plan({**configs, "mixed_paper": trained}, [jobs], blocks_of)
 
 
 def adaptation_table(folder: Path) -> str:
     """Return the Markdown table with two rows, learning on and off, for each 10,000 episodes.
 
-    The table ends at the last episode that both variants have driven.
+    The means and intervals are over the drivers. The table ends at the last episode that both
+    variants have driven.
     """
     rows = ResultsFolder(folder).rows("adaptation.csv")
-    last = {row["variant"]: int(row["episode"]) for row in rows}
-    lines = []
-    for begin in range(0, min(last.values()), SUMMED_OVER):
-        end = min(begin + SUMMED_OVER, *last.values())
+    columns = ("safety_triggers", "reward", "ego_hits", "collisions")
+    curves = {
+        variant: [curve(rows, variant, f"training_{column}") for column in columns]
+        for variant in CHANGES
+    }
+    last, lines = min(own[0].episodes[-1] for own in curves.values()), []
+    for begin in range(0, last, FILTERED_OVER):
+        end = min(begin + FILTERED_OVER, last)
         for variant, learning in (("adaptation", "on"), ("no_adaptation", "off")):
-            own = [r for r in rows if r["variant"] == variant and begin < int(r["episode"]) <= end]
-            triggers, reward = (
-                mean_with_interval(float(row[f"training_{name}"]) for row in own)
-                for name in ("safety_triggers", "reward")
+            triggers, reward, hits, collided = (
+                _means(found, begin, end) for found in curves[variant]
             )
-            hits, collided = (
-                sum(round(_episodes(row) * float(row[f"training_{name}"])) for row in own)
-                for name in ("ego_hits", "collisions")
-            )
-            means = [f"{mean.value:.4f} ± {mean.half_width:.4f}" for mean in (triggers, reward)]
-            counts = [str(hits), str(collided - hits)]
-            lines.append([learning, f"{begin + 1:,} to {end:,}", *means, *counts])
+            means = [
+                f"{mean.value:.{digits}f} ± {mean.half_width:.{digits}f}"
+                for mean, digits in (
+                    (mean_with_interval(triggers), 3),
+                    (mean_with_interval(reward), 4),
+                )
+            ]
+            driven = (end - begin) * len(triggers)
+            counts = [round(hits.mean() * driven), round((collided - hits).mean() * driven)]
+            lines.append([learning, f"{begin + 1:,} to {end:,}", *means, *map(str, counts)])
     names = ("learning", "episodes", "safety triggers an episode", "reward per decision")
     return markdown_table([*names, "ego hit something", "was hit"], lines)
 
 
-def _episodes(row: Row) -> int:
-    """Return the number of episodes in the block that ends with the episode of ``row``."""
-    return int(row["episode"]) % BLOCK or BLOCK
+def _means(found: Curve, begin: int, end: int) -> FloatArray:
+    """Return each seed's mean over the episodes after ``begin`` up to ``end``, shape (seeds,)."""
+    ends = np.array(found.episodes)
+    counts = np.diff(ends, prepend=0) * ((ends > begin) & (ends <= end))
+    return np.asarray(found.values @ counts / counts.sum())
 
 
 def adaptation_figure(folder: Path) -> "Figure":
-    """Draw the safety triggers per episode with learning on and off, as means over all seeds.
+    """Draw the safety triggers per episode with learning on and off.
 
-    Bold lines are moving averages over 10,000 episodes, faint ones means over 100 episodes.
+    Bold lines are the means over all drivers of a moving average over 10,000 episodes, thin ones
+    those of each driver.
     """
     rows = ResultsFolder(folder).rows("adaptation.csv")
     figure, axes = one_panel(
@@ -116,10 +107,11 @@ def adaptation_figure(folder: Path) -> "Figure":
     for variant, label in LABELS.items():
         found = curve(rows, variant, "training_safety_triggers")
         if found.episodes:
-            episodes, triggers = np.array(found.episodes, float), found.values.mean(axis=0)
-            axes.plot(episodes, triggers, color=COLORS[variant], alpha=0.2, linewidth=0.7)
-            filtered = moving_average(episodes, triggers, FILTERED_OVER)
-            axes.plot(episodes, filtered, color=COLORS[variant], label=label, linewidth=2)
+            episodes, color = np.array(found.episodes, float), COLORS[variant]
+            filtered = [moving_average(episodes, seed, FILTERED_OVER) for seed in found.values]
+            for each in filtered:
+                axes.plot(episodes, each, color=color, alpha=0.3, linewidth=0.8)
+            axes.plot(episodes, np.mean(filtered, 0), color=color, label=label, linewidth=2)
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False)
     return figure

@@ -222,7 +222,7 @@ collisions_to_start = 0
 """
 
 
-def test_both_begin_as_the_shipped_driver_trained_again_and_only_one_of_them_learns(
+def test_both_begin_as_the_driver_of_the_curves_and_only_one_of_them_learns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(adaptation, "BLOCK", 2)
@@ -232,11 +232,12 @@ def test_both_begin_as_the_shipped_driver_trained_again_and_only_one_of_them_lea
     list(make(ADAPTATION, wanted))
     rows = read_rows(tmp_path / "adaptation.csv")
     assert [(row["variant"], row["seed"], row["episode"]) for row in rows] == [
-        (variant, "0", episode)
+        (variant, seed, episode)
         for variant in ("adaptation", "no_adaptation")
+        for seed in ("0", "1")
         for episode in ("2", "4", "5")
     ]
-    names = ("pretrained-1", "pretrained-1/adaptation-0", "pretrained-1/no_adaptation-0")
+    names = ("mixed_paper-1", "mixed_paper-1/adaptation-1", "mixed_paper-1/no_adaptation-1")
     weights, remembered = {}, {}
     for name in names:
         networks, _ = load_policy(runs / name / "policy.safetensors")
@@ -249,9 +250,9 @@ def test_both_begin_as_the_shipped_driver_trained_again_and_only_one_of_them_lea
     assert list(changed.values()) == [False, True, False]
     # what is driven since comes on top of the training's own experience
     assert all(remembered[name] > remembered[names[0]] > 15 for name in names[1:])
-    policy = checksum(runs / "pretrained-1" / "policy.safetensors")
+    policy = checksum(runs / "mixed_paper-1" / "policy.safetensors")
     facts = json.loads((tmp_path / "adaptation.json").read_text())
-    assert facts["policies_sha256"]["pretrained-1"] == policy
+    assert facts["policies_sha256"]["mixed_paper-1"] == policy
     assert list(make(ADAPTATION, wanted._replace(runs=tmp_path / "elsewhere"))) == []
     assert not (tmp_path / "elsewhere").exists()
 
@@ -263,27 +264,41 @@ def adapted(folder: Path, *lines: str) -> Path:
     return folder
 
 
-def test_adaptation_figure_draws_both(tmp_path: Path) -> None:
+def test_adaptation_figure_draws_each_driver_and_the_mean_of_both_variants(tmp_path: Path) -> None:
     lines = [
-        f"{variant},0,{episode},-0.1,{triggers},0,0"
+        f"{variant},{seed},{episode},-0.1,{triggers + 2 * seed},0,0"
         for variant, triggers in (("adaptation", 3), ("no_adaptation", 5))
+        for seed in (0, 1)
         for episode in (100, 200)
     ]
     [axes] = adaptation_figure(adapted(tmp_path, *lines)).axes
     drawn = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
-    assert drawn["continual adaptation"] == [3, 3]
-    assert drawn["no adaptation"] == [5, 5]
+    assert drawn["continual adaptation"] == [4, 4]
+    assert drawn["no adaptation"] == [6, 6]
+    assert sorted(list(line.get_ydata()) for line in axes.lines) == [
+        [3, 3],
+        [4, 4],
+        [5, 5],
+        [5, 5],
+        [6, 6],
+        [7, 7],
+    ]
 
 
 def test_the_hits_of_a_short_last_block_are_those_of_its_episodes(tmp_path: Path) -> None:
     lines = [
-        f"{variant},0,{episode},-0.1,2,{hits},{hits}"
+        f"{variant},{seed},{episode},-0.1,{triggers},{hits},{2 * hits}"
         for variant in ("adaptation", "no_adaptation")
-        for episode, hits in ((100, 0.02), (150, 0.04))
+        for seed in (0, 1)
+        for episode, hits, triggers in ((100, 0.02, 2), (150, 0.04, 5 + 6 * seed))
     ]
     table = adaptation_table(adapted(tmp_path, *lines))
-    # 2 of 100 and 2 of 50 episodes
-    assert [row.split(" | ")[-2:] for row in table.splitlines()[2:]] == [["4", "0 |"]] * 2
+    # of each driver 2 of 100 and 2 of 50 episodes hit something and as many were hit; their
+    # triggers are (2 * 100 + 5 * 50) / 150 = 3 and (2 * 100 + 11 * 50) / 150 = 5, whose interval is
+    # t(0.975, 1) * sqrt(2) / sqrt(2) = 12.706
+    assert [line.split(" | ")[1:] for line in table.splitlines()[2:]] == [
+        ["1 to 150", "4.000 ± 12.706", "-0.1000 ± 0.0000", "8", "8 |"]
+    ] * 2
 
 
 EPISODES = list(range(100, 2100, 100))
