@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from drl_av.compiled import compiled
 from drl_av.drivers.network import Float32Array, Layers, QNetwork, activate_backward, forward
 from drl_av.drivers.policy_file import State
 from drl_av.errors import CheckpointError, DrlAvError
@@ -39,6 +40,7 @@ FUSED_ADAM: Callable[..., None] | None = getattr(torch, "_fused_adam_", None)
 """The kernel of torch's fused Adam; None if this version of torch has no such function."""
 
 
+@compiled
 def double_q_target(
     r_tp1: Float32Array,
     discount: Float32Array,
@@ -50,20 +52,27 @@ def double_q_target(
     The online network Q selects the next action and the target network Q^ evaluates it (Algorithm 1
     of the paper, line 14). The first two arguments have shape (rows,), the others (rows, actions).
     """
-    a_next = q_next_online.argmax(axis=1)
-    target: Float32Array = r_tp1 + discount * q_next_target[np.arange(len(a_next)), a_next]
+    target = r_tp1.copy()
+    for row in range(len(target)):
+        a_next = q_next_online[row].argmax()
+        target[row] += discount[row] * q_next_target[row, a_next]
     return target
 
 
+@compiled
 def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) -> Float32Array:
     """Return the TD error y - Q(s, a) of each transition, shape (rows,).
 
     The target y has shape (rows,), ``q_t`` (rows, actions), ``a_t`` (rows,). Algorithm 1 of the
     paper, line 15.
     """
-    return target - q_t[np.arange(len(a_t)), a_t]
+    td = target.copy()
+    for row in range(len(td)):
+        td[row] -= q_t[row, a_t[row]]
+    return td
 
 
+@compiled
 def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
     """Return the gradient of the loss with respect to Q(s, .), shape (rows, action_size).
 
@@ -72,7 +81,9 @@ def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: i
     of the paper, line 15.
     """
     gradient = np.zeros((len(a_t), action_size), weighted_td.dtype)
-    gradient[np.arange(len(a_t)), a_t] = weighted_td * (-2.0 / len(a_t))
+    slope = weighted_td.dtype.type(-2.0 / len(a_t))
+    for row in range(len(a_t)):
+        gradient[row, a_t[row]] = weighted_td[row] * slope
     return gradient
 
 

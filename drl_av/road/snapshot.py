@@ -85,6 +85,8 @@ class TrafficCommands(NamedTuple):
     def lane_changes(self) -> list[tuple[int, int]]:
         """Return the wanted lane changes, as pairs (row, side)."""
         (wanted,) = self.side.nonzero()
+        if not len(wanted):
+            return []
         return [*zip(self.rows[wanted].tolist(), self.side[wanted].tolist(), strict=True)]
 
 

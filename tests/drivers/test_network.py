@@ -62,3 +62,20 @@ def test_a_copy_keeps_its_own_parameters_in_its_own_vector(copied):
     twin.flat[:] = 0
     assert not twin.layers[0][0].any()
     assert net.layers[0][0].any()
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("rows", [(), (64,)])
+def test_the_compiled_leaky_relu_has_the_bits_of_numpys(kind, rows):
+    net = network(2)
+    layers = [(weight.astype(kind), bias.astype(kind)) for weight, bias in net.layers]
+    s = np.random.default_rng(3).normal(size=(*rows, 27)).astype(kind)
+    expected = s
+    for weight, bias in layers[:-1]:
+        z = expected.dot(weight.T) + bias
+        expected = np.maximum(
+            z, z * 0.01
+        )  # numpy rounds 0.01 to the type of z
+    (*_, entered), _ = forward(layers, s)
+    assert entered.dtype == kind
+    assert entered.tobytes() == expected.tobytes()
