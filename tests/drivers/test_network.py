@@ -73,9 +73,7 @@ def test_the_compiled_leaky_relu_has_the_bits_of_numpys(kind, rows):
     expected = s
     for weight, bias in layers[:-1]:
         z = expected.dot(weight.T) + bias
-        expected = np.maximum(
-            z, z * 0.01
-        )  # numpy rounds 0.01 to the type of z
+        expected = np.maximum(z, z * 0.01)  # numpy rounds 0.01 to the type of z
     (*_, entered), _ = forward(layers, s)
     assert entered.dtype == kind
     assert entered.tobytes() == expected.tobytes()
