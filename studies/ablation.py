@@ -130,6 +130,7 @@ VARIANTS = {
         "calm traffic alone", lambda config: config.updated("traffic", presets=("calm",))
     ),
     "wider": Variant("layers of 384 and 256", _ppo(hidden_1=384, hidden_2=256)),
+    "wider-95": Variant("the same, discount 0.95", _ppo(hidden_1=384, hidden_2=256, discount=0.95)),
 }
 
 
