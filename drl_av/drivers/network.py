@@ -87,6 +87,11 @@ def forward(layers: Layers, s: Float32Array) -> tuple[list[Float32Array], Float3
     return entered, q
 
 
+def leaky_relu(x: np.floating, slope: np.floating) -> np.floating:
+    """Return ``x``, multiplied by ``slope`` below zero."""
+    return x if x > 0 else x * slope
+
+
 @borrowing
 def activate(z: Float32Array, bias: Float32Array) -> None:
     """Add the biases of a layer to ``z``, shape (rows, units), and apply the leaky ReLU, in place.
@@ -96,8 +101,7 @@ def activate(z: Float32Array, bias: Float32Array) -> None:
     slope = z.dtype.type(LEAK)
     for row in range(z.shape[0]):
         for unit in range(z.shape[1]):
-            value = z[row, unit] + bias[unit]
-            z[row, unit] = value if value > 0 else value * slope
+            z[row, unit] = leaky_relu(z[row, unit] + bias[unit], slope)
 
 
 @borrowing

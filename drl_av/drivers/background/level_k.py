@@ -11,7 +11,7 @@ import numpy as np
 
 from drl_av.compiled import borrowing, numbers
 from drl_av.config import Config, Level0Config, SafetyConfig
-from drl_av.drivers.network import LEAK, Float32Array, Layers
+from drl_av.drivers.network import LEAK, Float32Array, Layers, leaky_relu
 from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACCELERATE, ACTIONS, BRAKE, HARD_BRAKE, MAINTAIN, SIGNS
 from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane
@@ -123,7 +123,7 @@ def level_k(
     for number, (weight, bias) in enumerate(driver.layers):
         layer(weight, bias, entered, sums)
         for place in range(0 if number == last else len(bias)):
-            sums[place] = max(sums[place], sums[place] * np.float32(LEAK))
+            sums[place] = leaky_relu(sums[place], np.float32(LEAK))
         entered, sums = sums, entered
     best = 0
     for action in range(1, len(driver.acceleration_m_s2)):
