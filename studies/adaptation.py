@@ -89,9 +89,8 @@ def adaptation_table(folder: Path) -> str:
 
 def _means(found: Curve, begin: int, end: int) -> FloatArray:
     """Return each seed's mean over the episodes after ``begin`` up to ``end``, shape (seeds,)."""
-    ends = np.array(found.episodes)
-    counts = np.diff(ends, prepend=0) * ((ends > begin) & (ends <= end))
-    return np.asarray(found.values @ counts / counts.sum())
+    episodes, at = np.array(found.episodes, float), found.episodes.index(end)
+    return np.array([moving_average(episodes, seed, end - begin)[at] for seed in found.values])
 
 
 def adaptation_figure(folder: Path) -> "Figure":
