@@ -5,7 +5,7 @@ DEMO := demo
 DENSITIES := 1 5 10 15 20 25 30
 
 .PHONY: setup demo test lint prove docs rllib crime pretrained pretrained-paper level_1 level_2 results clean
-.PHONY: pretrained-merge pretrained-exit
+.PHONY: pretrained-merge pretrained-exit pretrained-ramp_to_ramp
 setup: .venv/.installed
 
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
@@ -65,8 +65,8 @@ pretrained-paper: setup
 	cd runs/pretrained-paper && cp config.toml evaluations.csv policy.safetensors \
 	    ../../drl_av/pretrained/paper/
 
-# The drivers of the on-ramp and the off-ramp, trained again in the twin (half an hour each).
-pretrained-merge pretrained-exit: pretrained-%: setup
+# The drivers of roads with ramps, trained again in the twin (half an hour each).
+pretrained-merge pretrained-exit pretrained-ramp_to_ramp: pretrained-%: setup
 	$(BIN)/drl-av train --preset large-$* --out runs/$@
 	cd runs/$@ && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/$*/
 
@@ -117,7 +117,6 @@ results: setup
 	$(call text,sharper.txt,-m verification.sharper)
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
-	$(BIN)/python -m verification.time_to_quality
 	$(call text,twin_costs.txt,tools/measure_twin.py)
 	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
 	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb

@@ -18,7 +18,7 @@ from drl_av.evaluation.aggregates import Estimate, interquartile_mean, probabili
 from drl_av.evaluation.statistics import Mean, best_opponent, gain, mean_with_interval
 from drl_av.evaluation.table import report_corrupt_table
 from studies.options import FOLDER, Options
-from studies.results import ResultsFolder, markdown_table
+from studies.results import markdown_table
 
 if TYPE_CHECKING:
     from studies.study import FileStudy
@@ -172,9 +172,6 @@ class Pivot:
         own = self._select(self.shown, {**key, **column})
         if own.empty:
             return None
-        if "seconds" in spec:
-            made = ResultsFolder(self.folder).made_by(f"{self.study.name}.csv")
-            return f"{made['wall_time_s'][own[spec['seconds']].iloc[0]]:,.0f}"
         other = self._other(spec, {**key, **column})
         if other is not None and other.empty:
             return None

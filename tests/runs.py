@@ -80,7 +80,7 @@ def interrupted(
 def run_folder(folder: Path, config: Config = SHORT) -> Path:
     """The folder of a run with an untrained policy."""
     folder.mkdir(parents=True)
-    save_policy(folder / "policy.safetensors", [QNetwork(np.random.default_rng(3))], config)
+    save_policy(folder / "policy.safetensors", QNetwork(np.random.default_rng(3)), config)
     return folder
 
 

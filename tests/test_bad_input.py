@@ -258,7 +258,7 @@ def test_a_policy_of_another_run_is_not_taken_for_this_run_s(
 
 def test_a_small_policy_file_that_asks_for_huge_networks_gets_none(tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
-    config = SMALL.updated("learning", networks=100, hidden_units=10_000)
+    config = SMALL.updated("learning", hidden_units=10_000)
     save(path, {"a": np.zeros(3, np.float32)}, {"kind": "policy", "config": config.to_toml()})
     tracemalloc.start()
     with pytest.raises(

@@ -130,7 +130,7 @@ def test_a_page_of_results_begins_with_its_figure(page: Path) -> None:
 
 
 def test_each_choice_answers_a_question() -> None:
-    for page in ("docs/choices.md", "docs/choices_learning.md"):
+    for page in ("docs/choices.md",):
         for section in re.split(r"^## ", read(page), flags=re.MULTILINE)[1:]:
             name, first, *_ = re.split(r"\n+", section)
             assert first.startswith("### "), f"{page}: {name} begins with no question"
@@ -171,7 +171,7 @@ def test_the_settings_file_of_the_guide_trains(tmp_path: Path) -> None:
     [text] = fenced("docs/guide.md", "toml")
     (tmp_path / "mine.toml").write_text(text)
     run(tmp_path, "-m", "drl_av", "scenario", "my_loop")
-    small = ["--preset", "fast", "--config", "mine.toml", "--episodes", "1"]
+    small = ["--config", "mine.toml", "--episodes", "1"]
     run(tmp_path, "-m", "drl_av", "train", "--out", "mine", *small)
     assert '\nlateral_plant = "steering"\n' in (tmp_path / "mine" / "config.toml").read_text()
 

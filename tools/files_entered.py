@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FrameType
 
 import drl_av.cli
-from drl_av.config.presets import preset
+from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.learning.algorithm_1 import build_training
 
@@ -49,7 +49,7 @@ def main() -> None:
         with files_entered() as counts["step"]:
             for action in (0, 1, 3, 4, 8):
                 env.step(action)
-    config = preset("fast").updated("simulation", decisions_per_episode=20)
+    config = Config().updated("simulation", decisions_per_episode=20)
     with closing(HighwayEnv(config=config)) as env:
         training = build_training(env)
         training.run_episode()

@@ -33,7 +33,6 @@ from verification import (
     ramps,
     shielding_report,
     stories,
-    time_to_quality,
 )
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -123,7 +122,6 @@ TABLES: dict[str, Table] = {
     "sharper": Table(lambda: printed("sharper.txt")),
     "shielding": Table(lambda: shielding_report.section(RESULTS_FOLDER)),
     "stories": Table(lambda: stories.section(RESULTS_FOLDER)),
-    "time_to_quality": Table(lambda: time_to_quality.section(RESULTS_FOLDER)),
     **study_tables(),
 }
 LEARNED = [f"{kind}_learned" for kind in ramps.SUCCESS]

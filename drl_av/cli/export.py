@@ -58,10 +58,10 @@ def export(options: argparse.Namespace) -> int:
         for name, meaning in export_actor(options.out, *load_actor(file)).items():
             print(f"{options.out}: {name}, {meaning}")
         return 0
-    networks, config = load_run(run)
+    network, config = load_run(run)
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-    write(options.out, networks, config, scale, road.lane_width_m if check else None)
+    write(options.out, network, config, scale, road.lane_width_m if check else None)
     for kind, ports in (("input", INPUTS), ("output", OUTPUTS)):
         for port in ports:
             shape = ", ".join(map(str, port.shape))

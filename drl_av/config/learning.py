@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from drl_av.config.section import Section, setting
-from drl_av.errors import ConfigError
 
 ALGORITHMS = ("double-dqn", "ppo")
 REPLAYS = ("two-buffer", "prioritized", "uniform")
@@ -25,8 +24,6 @@ class LearningConfig(Section):
     epsilon_end: probability of a random action after its decrease (Sec. IV-C)
     epsilon_fraction: share of the episodes over which the probability of a random action decreases
         (Sec. IV-C)
-    networks: number of Q-networks; each learns from its own minibatches; the driver uses their mean
-        (ours)
     replay: kind of experience replay (Alg. 1)
     batch_size: transitions in a minibatch (ours)
     collision_fraction: share of a minibatch from the collision buffer (ours)
@@ -42,19 +39,6 @@ class LearningConfig(Section):
     collisions_to_start: number of transitions that Buf_C must hold before learning starts (ours)
     mirrored: whether left and right are exchanged in half of each minibatch, and the driver uses
         the mean Q-value of the scene and its mirror image (ours)
-    counterfactuals: number of actions not taken, per decision, whose computed outcomes are stored
-        (ours)
-    speed_weight: weight of the bonus v_x / ego.max_speed_m_s that the training adds to the reward
-        (ours)
-    unsafe_penalty: penalty of a proposal that the safety check replaces: it is stored with the next
-        state of the executed action, and with its reward minus this penalty; 0 stores the proposal
-        as a collision, with the reward r_col and no next state (Alg. 1) (ours)
-    lane_change_margin: Q-value by which a lane change must exceed keeping the lane to start; not in
-        Alg. 1 (ours)
-    permitted_only: whether the trained driver proposes only actions that the safety check permits,
-        and begins no lane change away from its way, and none that forces a vehicle behind to brake
-        harder than mobil.comfortable_braking_m_s2, while 250 m are left for each that its way
-        demands; the training explores all actions (ours)
     evaluate_every: episodes between evaluations (Sec. IV-C)
     evaluation_episodes: episodes of an evaluation (ours)
     checkpoint_every: episodes between checkpoints (ours)
@@ -70,7 +54,6 @@ class LearningConfig(Section):
     epsilon_start: float = setting(1.0, low=0, high=1)
     epsilon_end: float = setting(0.2, low=0, high=1)
     epsilon_fraction: float = setting(0.7, low=0.001, high=1)
-    networks: int = setting(1, low=1, high=100)
     replay: str = setting("two-buffer", choices=REPLAYS)
     batch_size: int = setting(64, low=2, high=100_000)
     collision_fraction: float = setting(0.25, low=0, high=1)
@@ -83,23 +66,9 @@ class LearningConfig(Section):
     gradient_steps: int = setting(1, low=0, high=100)
     collisions_to_start: int = setting(0, low=0)
     mirrored: bool = False
-    counterfactuals: int = setting(0, low=0, high=12)
-    speed_weight: float = setting(0.0, low=0, high=10)
-    unsafe_penalty: float = setting(0.0, low=0, high=1000)
-    lane_change_margin: float = setting(0.0, low=0, high=1000)
-    permitted_only: bool = False
     evaluate_every: int = setting(100, low=1)
     evaluation_episodes: int = setting(10, low=1, high=10_000)
     checkpoint_every: int = setting(50, low=1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.unsafe_penalty and self.collisions_to_start and self.replay != "two-buffer":
-            raise ConfigError(
-                f"learning.collisions_to_start cannot be counted in {self.replay} replay where "
-                "learning.unsafe_penalty makes unsafe proposals not terminal: set one to 0, or "
-                'learning.replay to "two-buffer".'
-            )
 
 
 SPAN_M_S = 10.0

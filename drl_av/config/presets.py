@@ -16,27 +16,6 @@ LITERAL: dict[str, dict[str, Any]] = {
 """The settings of the preset ``literal``: the paper as printed, see ``docs/choices.md``."""
 PRESETS: dict[str, Config] = {
     "paper": Config(),
-    "fast": Config()
-    .with_traffic("calm")
-    .updated(
-        "learning",
-        episodes=200,
-        evaluate_every=20,
-        discount=0.93,
-        epsilon_fraction=0.3,
-        epsilon_end=0.05,
-        learning_rate=3e-3,
-        learning_rate_end_fraction=0.005,
-        batch_size=256,
-        networks=3,
-        mirrored=True,
-        counterfactuals=6,
-        safe_capacity=300_000,
-        target_update_episodes=2,
-        speed_weight=0.3,
-        unsafe_penalty=0.5,
-        lane_change_margin=0.02,
-    ),
     "large": Config()
     .updated("simulation", world="twin")
     .updated("learning", algorithm="ppo")
@@ -59,23 +38,12 @@ def _with_ramps(name: str, scenario: str) -> Config:
 
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     PRESETS[f"paper-{_scenario}"] = _with_ramps("paper", _scenario)
-for _scenario, _cost in (("merge", 0.5), ("exit", 20.0)):
+for _scenario, _cost in (("merge", 0.5), ("exit", 20.0), ("ramp_to_ramp", 5.0)):
     PRESETS[f"large-{_scenario}"] = (
         _with_ramps("large", _scenario)
         .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
         .updated("ppo", decisions=3_000_000, collision_cost=100.0, forced_brake_cost=_cost)
     )
-# Its training has ten times as many episodes as on the loop, because an episode has about a quarter
-# of the decisions. The penalty is smaller, because the safety check often refuses a lane change
-# that the ego needs in order to follow its route, and the driver has to propose it again.
-PRESETS["fast-ramp_to_ramp"] = _with_ramps("fast", "ramp_to_ramp").updated(
-    "learning",
-    episodes=2000,
-    evaluate_every=80,
-    target_update_episodes=8,
-    unsafe_penalty=0.1,
-    permitted_only=True,
-)
 
 
 def preset(name: str) -> Config:
@@ -132,13 +100,9 @@ def adaptation(config: Config) -> Config:
     - After each decision there is one gradient step.
     - A minibatch has as many transitions as in the preset ``paper``.
     - Learning starts after 64 collision transitions, because a minibatch would otherwise contain
-      the same few several times. It starts at once if the replay buffer cannot count them.
-    - ``counterfactuals`` is 0, and the importance exponent of prioritized replay is always 1.
-    - The adapted driver keeps its margins, such as ``lane_change_margin``, but the episodes of the
-      training do not apply them.
+      the same few several times.
+    - The importance exponent of prioritized replay is always 1.
     """
-    before = config.learning
-    counted = before.replay == "two-buffer" or not before.unsafe_penalty
     return config.updated(
         "learning",
         episodes=30_000,
@@ -149,8 +113,7 @@ def adaptation(config: Config) -> Config:
         gradient_steps=1,
         batch_size=PRESETS["paper"].learning.batch_size,
         importance_exponent_start=1.0,
-        counterfactuals=0,
-        collisions_to_start=64 if counted else 0,
+        collisions_to_start=64,
         evaluate_every=1_000,
         checkpoint_every=200,
     )

@@ -1,6 +1,6 @@
 """Writes a learned driver as one ONNX graph, and drives with the networks of ONNX files (ours).
 
-A written graph includes scaling, mirror, ensemble and margin.
+A written graph includes the scaling and the mirror.
 """
 
 import json
@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.learned import margin_penalties
-from drl_av.drivers.network import LEAK, Float32Array, QNetwork
+from drl_av.drivers.network import LEAK, QNetwork
 from drl_av.drivers.onnx_graph import Graph, checked_by_paper
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS, SLOTS
@@ -68,15 +67,13 @@ OUTPUTS = (
         "int64",
         None,
         "number of the action with the greatest Q-value, 4 * lateral (keep, right, left) + "
-        "longitudinal (maintain, accelerate, brake, hard brake); a lane change starts "
-        "only if it is worth the margin more than keeping the lane",
+        "longitudinal (maintain, accelerate, brake, hard brake)",
     ),
-    Port("q", "float32", len(ACTIONS), "Q-values of the actions, without the margin"),
+    Port("q", "float32", len(ACTIONS), "Q-values of the actions"),
 )
 INSIDE = (
-    "The file contains the scaling and clipping of the indicators, all networks and their mean, "
-    "the mean over the scene and its mirror image if the driver was trained so, and the margin "
-    "for starting lane changes. It has no safety check. One "
+    "The file contains the scaling and clipping of the indicators, the network, and the mean over "
+    "the scene and its mirror image if the driver was trained so. It has no safety check. One "
     "call is one decision, for the next second."
 )
 
@@ -92,16 +89,15 @@ def described() -> str:
 
 
 def metadata(config: Config) -> dict[str, str]:
-    """Return the metadata of an exported driver: its config, indicators, actions and margin.
+    """Return the metadata of an exported driver: its config, indicators and actions.
 
-    ``indicators`` and ``actions`` are JSON lists, ``config`` is TOML, and the margin is a number.
+    ``indicators`` and ``actions`` are JSON lists, and ``config`` is TOML.
     """
     indicators = [{"name": name, "meaning": indicator_meaning(name)} for name in INDICATORS]
     return {
         "config": config.to_toml(),
         "indicators": json.dumps(indicators),
         "actions": json.dumps([str(action) for action in ACTIONS]),
-        "lane_change_margin": repr(config.learning.lane_change_margin),
     }
 
 
@@ -110,30 +106,25 @@ OPSET = 17
 
 def export(
     path: Path,
-    networks: Sequence[QNetwork],
+    network: QNetwork,
     config: Config,
     scale: ObservationScale,
     lane_width_m: float | None = None,
 ) -> None:
-    """Write the driver of trained networks to an ONNX file, with the package onnx.
+    """Write the driver of a trained network to an ONNX file, with the package onnx.
 
     ``INPUTS``, ``OUTPUTS`` and ``metadata`` describe the file. With ``lane_width_m``, the width of
     the lanes, the action is the one that the check ``paper`` executes.
 
     Raises:
         ConfigError: as ``checked_by_paper``.
-        DrlAvError: onnx is not installed, ``observation.way`` or ``learning.permitted_only`` is on
-            (not supported), or the file cannot be written.
+        DrlAvError: onnx is not installed, ``observation.way`` is on (not supported), or the file
+            cannot be written.
     """
-    lacking = {
-        "observation.way": config.observation.way and "its way",
-        "learning.permitted_only": config.learning.permitted_only and "the safety check",
-    }
-    if used := {setting: inputs for setting, inputs in lacking.items() if inputs}:
+    if config.observation.way:
         raise DrlAvError(
-            f"A driver that was trained with {' and '.join(used)} cannot be exported, because the "
-            f"file has no inputs for {' and '.join(used.values())}: train one without, or drive "
-            "it with drl-av."
+            "A driver that was trained with observation.way cannot be exported, because the file "
+            "has no inputs for its way: train one without, or drive it with drl-av."
         )
     try:
         import onnx
@@ -143,17 +134,12 @@ def export(
         ) from error
     graph = Graph()
     s = _scaled(graph, scale)
-    members = [_values(graph, network, s, config.learning.mirrored) for network in networks]
-    total = members[0]
-    for member in members[1:]:
-        total = graph.add("Add", total, member)
-    q = graph.add("Div", total, graph.constant(np.float32(len(members))), name="q")
-    penalties, inside = margin_penalties(config.learning.lane_change_margin), INSIDE
-    if lane_width_m is None:
-        _chosen(graph, q, penalties, "action")
-    else:
+    values = _values(graph, network, s, config.learning.mirrored)
+    q, inside = graph.add("Identity", values, name="q"), INSIDE
+    name = "action" if lane_width_m is None else "proposed"
+    proposed = graph.add("ArgMax", q, name=name, axis=1, keepdims=0)
+    if lane_width_m is not None:
         inside = inside.replace("It has no safety check", "The action has passed the check paper")
-        proposed = _chosen(graph, q, penalties, "proposed")
         given = proposed, INDICATORS_INPUT, LANE_CHANGE_INPUT
         checked_by_paper(graph, *given, config, lane_width_m)
     helper, inputs, outputs = onnx.helper, *(_described(ports) for ports in (INPUTS, OUTPUTS))
@@ -212,14 +198,6 @@ def _forward(graph: Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
         if number < len(layers) - 1:
             s = graph.add("LeakyRelu", s, alpha=LEAK)
     return s
-
-
-def _chosen(graph: Graph, q: str, penalties: Float32Array, name: str) -> str:
-    """Add nodes that choose the action as ``LearnedDriver.act`` does; return the output's name."""
-    began = graph.add("Unsqueeze", LANE_CHANGE_INPUT, graph.constant(np.array([1])))
-    lost = (graph.constant(values) for values in (np.zeros_like(penalties), penalties))
-    worth = graph.add("Sub", q, graph.add("Where", began, *lost))
-    return graph.add("ArgMax", worth, name=name, axis=1, keepdims=0)
 
 
 LONGEST_RUN_S = 10.0

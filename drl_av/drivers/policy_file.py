@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -143,14 +142,14 @@ def _memory_bytes() -> int:
         return 16 * 2**30
 
 
-def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
-    """Read a policy file; return its networks (more than one for an ensemble) and its config.
+def load_policy(path: Path) -> tuple[QNetwork, Config]:
+    """Read a policy file; return its network and its config.
 
-    The arrays are read only if their shapes are those of the config's networks.
+    The arrays are read only if their shapes are those of the config's network.
 
     Raises:
         CheckpointError: the file is missing or damaged or holds no policy, the shapes of its
-            networks differ from its config, or a weight is not finite or too large.
+            network differ from its config, or a weight is not finite or too large.
     """
     header, found = _header(path)
     try:
@@ -167,13 +166,12 @@ def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
         raise CheckpointError(
             f"{path} was written with other settings than this version knows: {error}"
         ) from error
-    hidden, count = (config.learning.hidden_units,) * 2, config.learning.networks
+    hidden = (config.learning.hidden_units,) * 2
     sizes = (len(observed_indicators(config.observation)), *hidden, len(ACTIONS))
-    axis = (count,) if count > 1 else ()
     expected: Shapes = {}
     for number, (inputs, outputs) in enumerate(pairwise(sizes)):
-        expected[f"layers.{number}.weight"] = ("F32", *axis, outputs, inputs)
-        expected[f"layers.{number}.bias"] = ("F32", *axis, outputs)
+        expected[f"layers.{number}.weight"] = ("F32", outputs, inputs)
+        expected[f"layers.{number}.bias"] = ("F32", outputs)
     if found != expected:
         raise CheckpointError(
             f"{path} does not fit a network of {' -> '.join(map(str, sizes))}: its "
@@ -185,12 +183,10 @@ def load_policy(path: Path) -> tuple[list[QNetwork], Config]:
             f"{path} has weights that are no finite numbers or above {LARGEST_WEIGHT:g}: take an "
             "older copy or train again."
         )
-    rng = np.random.default_rng(0)
-    networks = [QNetwork(rng, sizes[0], hidden=hidden) for _ in range(count)]
-    for number, network in enumerate(networks):
-        for name, view in network.tensors().items():
-            view[...] = tensors[name][number] if axis else tensors[name]
-    return networks, config
+    network = QNetwork(np.random.default_rng(0), sizes[0], hidden=hidden)
+    for name, view in network.tensors().items():
+        view[...] = tensors[name]
+    return network, config
 
 
 def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
@@ -207,17 +203,12 @@ def save(path: Path, tensors: State, metadata: dict[str, Any]) -> None:
     write_atomic(path, safetensors.numpy.save(tensors, {FORMAT: header}), CheckpointError)
 
 
-def save_policy(path: Path, networks: Sequence[QNetwork], config: Config) -> None:
-    """Write a policy file: the weights of the networks, and their config.
+def save_policy(path: Path, network: QNetwork, config: Config) -> None:
+    """Write a policy file: the weights of a network, and its config.
 
-    The arrays of several networks have an additional first axis, the network. Raises
-    CheckpointError if the file cannot be written.
+    Raises CheckpointError if the file cannot be written.
     """
-    named = [network.tensors() for network in networks]
-    tensors = {name: np.stack([own[name] for own in named]) for name in named[0]}
-    if len(networks) == 1:
-        tensors = {name: tensor[0] for name, tensor in tensors.items()}
-    save(path, tensors, {"kind": "policy", "config": config.to_toml()})
+    save(path, network.tensors(), {"kind": "policy", "config": config.to_toml()})
 
 
 def find_policy(path: Path) -> Path:
@@ -244,8 +235,8 @@ def find_policy(path: Path) -> Path:
     return file
 
 
-def load_run(path: Path) -> tuple[list[QNetwork], Config]:
-    """Read the networks and the config of a run's folder or of a policy file.
+def load_run(path: Path) -> tuple[QNetwork, Config]:
+    """Read the network and the config of a run's folder or of a policy file.
 
     Raises:
         RunError: there is no policy file, or the file holds something else.
@@ -253,11 +244,11 @@ def load_run(path: Path) -> tuple[list[QNetwork], Config]:
             the folder.
     """
     file = find_policy(path)
-    networks, config = load_policy(file)
+    network, config = load_policy(file)
     settings = file.with_name("config.toml")
     if path.is_dir() and settings.is_file() and load_config(settings) != config:
         raise CheckpointError(
             f"{file} belongs to other settings than {settings}: put back the policy of that run, "
             "or name the policy file itself."
         )
-    return networks, config
+    return network, config

@@ -24,7 +24,6 @@ from drl_av.drivers.learned import (
     LearnedDriver,
     load_learned,
     require_same_observation,
-    respects_mobil,
 )
 from drl_av.drivers.masked_policy import actor_driver, is_actor, load_actor
 from drl_av.drivers.network import Layers
@@ -304,7 +303,7 @@ def make_drivers(
 ) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    A learned driver keeps the [learning] settings of its training, such as its margin.
+    A learned driver keeps the [learning] settings of its training, such as its mirror.
     ``check`` is the environment's safety check; by default it is made if a driver asks it.
     ``observed`` is the number of values of the environment's observation, if that is the user's.
 
@@ -330,11 +329,8 @@ def make_drivers(
         elif spec.actor is not None:
             drivers[name] = actor_driver(name, spec.actor, driven_by, its_check(spec))
         elif spec.learned is not None:
-            driver, own = spec.learned
+            drivers[name], own = spec.learned
             require_same_observation(name, own, config)
-            if own.learning.permitted_only:
-                driver = driver.limited_to(respects_mobil(its_check(spec), config.mobil))
-            drivers[name] = driver
         elif spec.own is not None:
             drivers[name] = spec.own
         elif not spec.is_external:

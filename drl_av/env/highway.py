@@ -16,7 +16,7 @@ from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.observation_scale import ObservationScale
-from drl_av.driving.scene import LaneChange, Scene, infer_action
+from drl_av.driving.scene import LaneChange, infer_action
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
@@ -369,10 +369,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                 f"The action is {given}, but must be one whole number from 0 to {len(ACTIONS) - 1}."
             )
         return ACTIONS[action]
-
-    def observation_of(self, scene: Scene) -> Observation:
-        """Return the observation of any scene on this environment's road."""
-        return self.scale(scene.affordances.vector()) if self._scaled_only else self.observe(scene)
 
     def _observe(self, snapshot: Snapshot, lane_change: LaneChange | None) -> Rewards:
         """Store the present scene, its indicators and its observation; return its reward terms."""

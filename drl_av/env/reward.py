@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.compiled import borrowing, numbers, squared
-from drl_av.config import EgoConfig, RewardConfig, SafetyConfig
+from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import (
     ALLOWED,
     CHANGES,
@@ -78,11 +78,6 @@ def gap_reward(gap_m: float, safe_gap_m: float) -> float:
     if gap_m >= safe_gap_m:
         return 0.0
     return math.exp(-squared(gap_m - safe_gap_m) / (10 * safe_gap_m)) - 1
-
-
-def speed_bonus(speed_m_s: float, ego: EgoConfig, weight: float) -> float:
-    """Return weight * speed / maximum speed, a bonus that a training may add (ours)."""
-    return weight * speed_m_s / ego.max_speed_m_s
 
 
 def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:

@@ -1,6 +1,5 @@
 """Algorithm 1 of the paper: trains a driver, episode by episode."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import index
 from typing import Any
@@ -9,7 +8,7 @@ import numpy as np
 
 from drl_av.config import LearningConfig
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.learned import LearnedDriver, learned_driver, respects_mobil
+from drl_av.drivers.learned import LearnedDriver, learned_driver
 from drl_av.drivers.network import Float32Array, QNetwork
 from drl_av.drivers.policy_file import State
 from drl_av.driving.actions import ACTIONS, Action
@@ -21,7 +20,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import drive, rollout
 from drl_av.errors import CheckpointError
-from drl_av.learning.experience import TransitionWriter, mirror_half, require_symmetry
+from drl_av.learning.experience import mirror_half, require_symmetry, store
 from drl_av.learning.learner import Learner
 from drl_av.learning.prioritized import PrioritizedBuffer
 from drl_av.learning.replay import Buffer, TwoBuffers, UniformBuffer, part_of, require_memory
@@ -99,20 +98,15 @@ class ExploringDriver(Driver):
         return ACTIONS[self._driver.greedy(observation)]
 
 
-def learner_names(count: int) -> list[str]:
-    """Return the prefixes of the tensor names of ``count`` learners in a checkpoint."""
-    return ["learner", *(f"learner{number}" for number in range(1, count))]
-
-
 class Training:
     """A training by Algorithm 1 of the paper, which can be saved and restored between episodes.
 
     Args:
         env: The environment; its config holds the schedules.
-        driver: The greedy driver of the learners' networks. A training episode adds exploration, an
+        driver: The greedy driver of the learner's network. A training episode adds exploration, an
             evaluation does not.
-        learners: One learner for each network.
-        buffer: The experience buffer, which the decisions fill and the learners sample.
+        learner: Makes the gradient steps.
+        buffer: The experience buffer, which the decisions fill and the learner samples.
         rng: The source of all random numbers.
     """
 
@@ -120,15 +114,14 @@ class Training:
         self,
         env: HighwayEnv,
         driver: LearnedDriver,
-        learners: Sequence[Learner],
+        learner: Learner,
         buffer: Buffer,
         rng: np.random.Generator,
     ) -> None:
         self.config, self.driver = env.config, driver
         self._env, self._config = env, env.config.learning
-        self._learners, self._buffer, self._rng = learners, buffer, rng
+        self._learner, self._buffer, self._rng = learner, buffer, rng
         self._explorer = ExploringDriver(driver, rng)
-        self._store = TransitionWriter(buffer, env, rng)
         self._mirror = mirror_of(observed_indicators(env.config.observation))
         self.episodes_done = 0
 
@@ -160,22 +153,19 @@ class Training:
         """
         metrics = metrics or EpisodeMetrics()
         self._explorer.epsilon = epsilon = self.epsilon
-        for learner in self._learners:
-            learner.learning_rate = self.learning_rate
+        self._learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
         seed, vehicles = traffic_seed(None, {}, self._rng), 0
         gradient_steps, losses = self._gradient_steps, list[float]()
         for decision in rollout(self._env, self._explorer, seed, self._draw_vehicles()):
             if not metrics.decisions:
                 vehicles = len(decision.scene.snapshot.ids) - 1
-            self._store(decision)
-            for _ in range(gradient_steps):
-                losses += [self._learn(learner) for learner in self._learners]
+            store(decision, self._buffer, self.config.reward.collision_reward)
+            losses += [self._learn() for _ in range(gradient_steps)]
             metrics.add(decision)
         self.episodes_done += 1
         if self.episodes_done % self._config.target_update_episodes == 0:
-            for learner in self._learners:
-                learner.sync_target()
+            self._learner.sync_target()
         return EpisodeRow(
             episode=self.episodes_done,
             seed=seed,
@@ -201,12 +191,12 @@ class Training:
         enough = self._buffer.collisions >= self._config.collisions_to_start
         return self._config.gradient_steps if enough and self._config.learning_rate > 0 else 0
 
-    def _learn(self, learner: Learner) -> float:
+    def _learn(self) -> float:
         """Make a gradient step on a batch (Algorithm 1, lines 13 to 15); return the loss."""
         batch = self._buffer.sample(self._config.batch_size, self._rng)
         if self._config.mirrored:
             mirror_half(batch, self._mirror)
-        update = learner.update(batch)
+        update = self._learner.update(batch)
         self._buffer.update_priorities(batch, update.td_errors)
         return update.loss
 
@@ -243,14 +233,13 @@ class Training:
         )
 
     @property
-    def networks(self) -> list[QNetwork]:
-        """The online networks of the learners."""
-        return [learner.network for learner in self._learners]
+    def network(self) -> QNetwork:
+        """The learner's online network."""
+        return self._learner.network
 
     def state(self) -> tuple[State, dict[str, Any]]:
         """Return the tensors, by name, and the numbers that determine the rest of the training."""
-        parts = {name: learner.state() for name, learner in self._named_learners()}
-        parts["buffer"] = self._buffer.state()
+        parts = {"learner": self._learner.state(), "buffer": self._buffer.state()}
         tensors = {f"{part}.{k}": v for part, state in parts.items() for k, v in state.items()}
         return tensors, {
             "episodes_done": self.episodes_done,
@@ -259,14 +248,10 @@ class Training:
 
     def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
         """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
-        for name, learner in self._named_learners():
-            learner.restore(part_of(tensors, f"{name}."))
+        self._learner.restore(part_of(tensors, "learner."))
         self._buffer.restore(part_of(tensors, "buffer."))
         restore_rng(self._rng, numbers["rng"])
         self.episodes_done = index(numbers["episodes_done"])
-
-    def _named_learners(self) -> list[tuple[str, Learner]]:
-        return list(zip(learner_names(len(self._learners)), self._learners, strict=True))
 
 
 def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
@@ -298,13 +283,9 @@ def build_training(env: HighwayEnv) -> Training:
     require_symmetry(env.config, env.road)
     config, size = env.config.learning, len(observed_indicators(env.config.observation))
     rng = np.random.default_rng(config.seed)
-    hidden = (config.hidden_units,) * 2
-    networks = [QNetwork(rng, size, hidden=hidden) for _ in range(config.networks)]
-    learners = [Learner(network, config.learning_rate) for network in networks]
-    driver = learned_driver(networks, env.config)
-    if config.permitted_only:
-        driver = driver.limited_to(respects_mobil(env.safety_check, env.config.mobil))
-    return Training(env, driver, learners, make_buffer(config, size), rng)
+    learner = Learner(QNetwork(rng, size, hidden=(config.hidden_units,) * 2), config.learning_rate)
+    driver = learned_driver(learner.network, env.config)
+    return Training(env, driver, learner, make_buffer(config, size), rng)
 
 
 def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:

@@ -198,13 +198,6 @@ class Buffer(Protocol):
     def state(self) -> State: ...
     def restore(self, state: State) -> None: ...
 
-    def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store an action that the check replaced, like a safe transition (ours).
-
-        ``s_tp1`` is the state after the action that was executed instead.
-        """
-        self.add_safe(s_t, a_t, r_tp1, s_tp1)
-
     def anneal(self, progress: float) -> None:
         """Adapt the sampling to the training's ``progress``, from 0 to 1; by default do nothing."""
         return None
@@ -252,10 +245,6 @@ class TwoBuffers(Buffer):
         Algorithm 1 of the paper, lines 6 and 9.
         """
         self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
-
-    def add_unsafe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store an action that the check replaced in Buf_C; the row is not terminal (ours)."""
-        self.collision.append(s_t, a_t, r_tp1, self.discount, s_tp1)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Draw ``batch_size`` transitions with replacement: Algorithm 1 of the paper, line 13.

@@ -21,7 +21,6 @@ from drl_av.learning.algorithm_1 import (
     EvaluationRow,
     Training,
     build_training,
-    learner_names,
 )
 
 
@@ -174,7 +173,7 @@ class Run:
             RunError: a table cannot be written.
             CheckpointError: the policy or the checkpoint cannot be written.
         """
-        save_policy(self.policy_file, training.networks, training.config)
+        save_policy(self.policy_file, training.network, training.config)
         self._save_checkpoint(training)
 
     def _save_checkpoint(self, training: Training) -> None:
@@ -275,13 +274,12 @@ def warm_start(training: Training, policy_file: Path) -> bool:
     """Load a trained driver into a new training, in place; return whether experience was loaded.
 
     If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training gets
-    the checkpoint's networks, target networks, Adam moments and experience (returns True).
-    Otherwise the online and the target networks are copies of the policy's networks, and the
+    the checkpoint's network, target network, Adam moments and experience (returns True).
+    Otherwise the online and the target network are copies of the policy's network, and the
     buffers stay empty (returns False).
 
     Raises:
         CheckpointError: a file is damaged, or does not fit the settings of this training.
-        ConfigError: the run has settings that this version does not know.
     """
     tensors, numbers = training.state()
     checkpoint_file = policy_file.with_name("checkpoint.safetensors")
@@ -290,18 +288,9 @@ def warm_start(training: Training, policy_file: Path) -> bool:
         tensors, found = load(checkpoint_file)
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
-        source = f"the config in {checkpoint_file}"
-        trained_with = from_toml(str(found.get("config")), name=source)
     else:
-        networks, trained_with = load_policy(policy_file)
-        for name, network in zip(learner_names(len(networks)), networks, strict=True):
-            tensors |= {f"{name}.online": network.flat, f"{name}.target": network.flat}
-    count, wanted = trained_with.learning.networks, training.config.learning.networks
-    if count != wanted:
-        raise CheckpointError(
-            f"{policy_file} was trained with learning.networks = {count}: continue with as many, "
-            f"not {wanted}."
-        )
+        network, _ = load_policy(policy_file)
+        tensors |= {"learner.online": network.flat, "learner.target": network.flat}
     training.restore(tensors, numbers)
     return experienced
 

@@ -31,7 +31,7 @@ def train(
 
     Args:
         out: The run's folder, which must be new.
-        config: Settings: a preset such as "fast", a TOML file, a dictionary or a Config.
+        config: Settings: a preset such as "large", a TOML file, a dictionary or a Config.
         episodes: Number of episodes of Algorithm 1; by default that of the settings.
         seed: Random seed; by default that of the settings.
         scenario: Folder of a scenario, or the name of a shipped one.

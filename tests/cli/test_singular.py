@@ -39,7 +39,7 @@ def test_one_of_a_kind_is_printed_and_drawn_in_the_singular(
     Path("short.toml").write_text("[simulation]\ndecisions_per_episode = 1\n")
     once = ["--episodes", "1"]
     for words in (
-        ["train", "--out", "run", "--preset", "fast", *once, "--config", "short.toml"],
+        ["train", "--out", "run", "--preset", "paper", *once, "--config", "short.toml"],
         ["evaluate", "run", "--driver", "idm", *among, *once, "--out", "rows.csv"],
         ["adapt", "run", "--out", "adapted", *once],
         ["figures", "rows.csv", "run", "--out", "figures"],

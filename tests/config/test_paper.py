@@ -42,14 +42,9 @@ PAPER = {
         "learning.hidden_units": 100,  # in each of two layers
     },
     "Alg. 1": {
-        "learning.networks": 1,
         "learning.replay": "two-buffer",
         "learning.gradient_steps": 1,
-        "learning.counterfactuals": 0,
         "learning.mirrored": False,
-        "learning.permitted_only": False,
-        "learning.speed_weight": 0.0,
-        "learning.unsafe_penalty": 0.0,
         "learning.collisions_to_start": 0,
     },
     "ours, where the paper is silent": {

@@ -47,15 +47,15 @@ def test_all_ways_to_give_settings_make_the_same_environment(tmp_path: Path) -> 
 
 
 def test_a_preset_has_its_name_and_nothing_stands_for_the_paper_s(here: Path) -> None:
-    assert as_config("fast") == preset("fast") != Config()
+    assert as_config("large") == preset("large") != Config()
     assert as_config("paper") == as_config(None) == as_config({}) == Config()
-    Path("fast").write_text("[traffic]\nvehicles_max = 5\n")
-    assert as_config("fast") == preset("fast")
-    assert as_config("./fast") == as_config(Path("fast")) == FIVE
+    Path("large").write_text("[traffic]\nvehicles_max = 5\n")
+    assert as_config("large") == preset("large")
+    assert as_config("./large") == as_config(Path("large")) == FIVE
 
 
 @pytest.mark.parametrize(
-    "words", ["paper-exit", "paper-ramp_to_ramp", "large-merge", "large-exit", "fast-ramp_to_ramp"]
+    "words", ["paper-exit", "paper-ramp_to_ramp", "large-merge", "large-exit", "large-ramp_to_ramp"]
 )
 def test_a_preset_for_ramps_observes_the_way_under_strict(words: str) -> None:
     name, scenario = words.split("-")
@@ -114,11 +114,11 @@ def test_sections_are_refused_as_a_file_of_them_is(
             as_config(given)
 
 
-@pytest.mark.parametrize("given", ["fasst", "/nowhere/fast.toml", "", 5, ["traffic"]])
+@pytest.mark.parametrize("given", ["largge", "/nowhere/fast.toml", "", 5, ["traffic"]])
 def test_what_is_no_config_is_refused_with_all_that_would_be(given: Any) -> None:
     with pytest.raises(
-        ConfigError, match=r"must be a preset \(paper, fast, .*\), a TOML"
+        ConfigError, match=r"must be a preset \(paper, large, .*\), a TOML"
     ) as caught:
         as_config(given)
     assert repr(given) in str(caught.value)
-    assert ("did you mean 'fast'" in str(caught.value)) == (given == "fasst")
+    assert ("did you mean 'large'" in str(caught.value)) == (given == "largge")

@@ -56,7 +56,7 @@ def test_the_papers_own_traffic_is_the_default() -> None:
 
 
 def test_presets_that_stood_on_calm_name_it() -> None:
-    for name in ("fast", "paper-merge", "paper-exit", "paper-ramp_to_ramp", "fast-ramp_to_ramp"):
+    for name in ("paper-merge", "paper-exit", "paper-ramp_to_ramp"):
         assert asdict(preset(name).traffic) == CALM
 
 

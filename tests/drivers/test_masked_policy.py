@@ -216,7 +216,7 @@ def test_numbers_of_ppo_that_do_not_fit_each_other_are_refused_before_a_folder_i
 
 
 @pytest.mark.parametrize(
-    ("preset", "setting"), [("large", "learning.speed_weight=0.5"), ("fast", "ppo.decisions=100")]
+    ("preset", "setting"), [("large", "learning.batch_size=32"), ("paper", "ppo.decisions=100")]
 )
 def test_a_setting_that_the_other_training_has_is_not_ignored(
     preset: str, setting: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

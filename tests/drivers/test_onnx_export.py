@@ -11,8 +11,7 @@ import pytest
 from worlds import ROAD, scene
 
 from drl_av.cli import main
-from drl_av.config import from_toml
-from drl_av.config.presets import preset
+from drl_av.config import Config, from_toml
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.onnx import described, export
@@ -29,10 +28,9 @@ from drl_av.errors import DrlAvError
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run with three networks, mirrored, and a margin of lane changes."""
-    folder, config = tmp_path_factory.mktemp("run"), preset("fast")
-    networks = [QNetwork(np.random.default_rng(seed)) for seed in range(3)]
-    save_policy(folder / "policy.safetensors", networks, config)
+    """A run whose driver learned in a mirror."""
+    folder, config = tmp_path_factory.mktemp("run"), Config().updated("learning", mirrored=True)
+    save_policy(folder / "policy.safetensors", QNetwork(np.random.default_rng(0)), config)
     (folder / "config.toml").write_text(annotated_toml(config))
     return folder
 
@@ -88,7 +86,6 @@ def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: 
     assert indicators[4] == {"name": "own_rear_d_x", "meaning": "net gap, bumper to bumper, m"}
     assert indicators[24] == {"name": "ego_v_x", "meaning": "speed of the ego, m/s"}
     assert (actions[0], actions[5], actions[11]) == tuple(str(ACTIONS[n]) for n in (0, 5, 11))
-    assert held["lane_change_margin"] == "0.02"
     assert from_toml(held["config"]) == load_learned(exported.parent)[1]
 
 
@@ -132,28 +129,12 @@ def test_what_cannot_be_exported_is_named_with_what_can(
     assert not Path("out.onnx").exists()
 
 
-@pytest.mark.parametrize(
-    ("way", "permitted_only", "message"),
-    [
-        (True, False, "with observation.way cannot .* no inputs for its way: train one without"),
-        (False, True, "with learning.permitted_only cannot .* no inputs for the safety check: "),
-        (
-            True,
-            True,
-            "with observation.way and learning.permitted_only cannot .* no inputs for its way and "
-            "the safety check: ",
-        ),
-    ],
-)
-def test_a_driver_whose_inputs_the_file_lacks_is_not_exported(
-    way: bool, permitted_only: bool, message: str, tmp_path: Path
-) -> None:
-    networks, config = load_run(SHIPPED["pretrained-paper"])
-    config = config.updated("learning", permitted_only=permitted_only)
-    config = config.updated("observation", way=way)
+def test_a_driver_whose_inputs_the_file_lacks_is_not_exported(tmp_path: Path) -> None:
+    network, config = load_run(SHIPPED["pretrained-paper"])
+    config = config.updated("observation", way=True)
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, ROAD)
-    with pytest.raises(DrlAvError, match=message):
-        export(tmp_path / "driver.onnx", networks, config, scale)
+    with pytest.raises(DrlAvError, match=r"way cannot .* no inputs for its way: train one without"):
+        export(tmp_path / "driver.onnx", network, config, scale)
     assert not any(tmp_path.iterdir())
 
 

@@ -115,16 +115,18 @@ def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
     assert default_config(find_drivers(["idm"])) == Config()
 
 
-def test_a_run_drives_with_the_margin_of_its_training_whatever_the_config_has(
+def test_a_run_drives_in_the_mirror_of_its_training_whatever_the_config_has(
     tmp_path: Path,
 ) -> None:
     network = QNetwork(np.random.default_rng(0))
     network.flat[:] = 0
-    network.flat[-12 + LEFT] = 1.0  # worth 1 more than any other in every state
+    network.flat[-12:] = -1.0
+    network.flat[-12 + KEEP], network.flat[-12 + LEFT] = 0.0, 0.5
+    # in the mirror: 0 for keeping the lane, and the mean of 0.5 and -1, -0.25, for either side
     specs = []
-    for margin in (2.0, 0.5):
-        path = tmp_path / f"{margin}.safetensors"
-        save_policy(path, [network], SHORT.updated("learning", lane_change_margin=margin))
+    for mirrored in (True, False):
+        path = tmp_path / f"{mirrored}.safetensors"
+        save_policy(path, network, SHORT.updated("learning", mirrored=mirrored))
         specs += find_drivers([str(path)])
 
     def decided(config: Config) -> list[int]:
@@ -132,10 +134,9 @@ def test_a_run_drives_with_the_margin_of_its_training_whatever_the_config_has(
         return [driver.act(ALONE, np.zeros(27, np.float32)).number for driver in drivers]
 
     base = default_config(specs)
-    assert base.learning.lane_change_margin == 2
+    assert base.learning.mirrored
     assert decided(base.updated("reward", collision_reward=-1.0)) == [KEEP, LEFT]
-    assert decided(base.updated("learning", lane_change_margin=0.2)) == [KEEP, LEFT]
-    assert decided(base.updated("learning", lane_change_margin=1.5)) == [KEEP, LEFT]
+    assert decided(base.updated("learning", mirrored=False)) == [KEEP, LEFT]
 
 
 @pytest.mark.parametrize(

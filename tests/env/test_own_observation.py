@@ -71,7 +71,6 @@ def test_a_setting_adds_the_end_of_the_lane_and_the_way_to_the_27_indicators() -
         assert np.array_equal(observation[:27], env.scale(info["indicators"]))
         # three of three lane changes to the right, within 1,000 m; the lane does not end
         assert observation[27:] == pytest.approx([1, -1, 1])
-        assert np.array_equal(env.observation_of(env.scene), observation)
         for _ in range(5):
             observation = env.step(KEEP)[0]
         assert observation[29] == pytest.approx(env.scene.affordances.mandatory.within_m / 1000)

@@ -14,8 +14,8 @@ import pytest
 import drl_av
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.config.presets import preset
 from drl_av.drivers.checked import PolicyDriver
+from drl_av.drivers.learned import mirrored_values, network_values
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import save_policy
 from drl_av.drivers.registry import default_config, find_drivers
@@ -77,21 +77,15 @@ def test_an_object_of_the_program_drives_beside_the_shipped_driver() -> None:
 
 
 @pytest.mark.parametrize(
-    "config",
-    [
-        None,
-        {"traffic": {"vehicles_max": 5}},
-        Config(),
-        Config().updated("learning", lane_change_margin=0.5),
-        "paper",
-        {"learning": {"lane_change_margin": 0.0}},
-    ],
+    "config", [None, {"traffic": {"vehicles_max": 5}}, Config(), "paper"], ids=str
 )
-def test_a_trained_driver_keeps_the_margin_of_its_training(config: Any, tmp_path: Path) -> None:
+def test_a_trained_driver_keeps_the_mirror_of_its_training(config: Any, tmp_path: Path) -> None:
     file = tmp_path / "policy.safetensors"
-    save_policy(file, [QNetwork(np.random.default_rng(0))] * 3, preset("fast"))
+    network = QNetwork(np.random.default_rng(0))
+    save_policy(file, network, Config().updated("learning", mirrored=True))
     driver: Any = drl_av.load_driver(file, config)
-    assert driver.lane_change_margin == 0.02
+    s = np.linspace(-1, 1, 27, dtype=np.float32)
+    assert np.array_equal(driver.values(s), mirrored_values(network_values(network))(s))
 
 
 def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None:

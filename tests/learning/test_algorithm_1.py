@@ -120,10 +120,10 @@ class Story(NamedTuple):
 
 
 def always(action: int) -> LearnedDriver:
-    """A driver to which one action is worth 1 more than any other, with a margin of 2."""
+    """A driver to which one action is worth 1 more than any other."""
     values = np.zeros(12, np.float32)
     values[action] = 1.0
-    return LearnedDriver(lambda s: values.copy(), 2.0)
+    return LearnedDriver(lambda s: values.copy())
 
 
 def story(script: list[Step], **learning: Any) -> Story:
@@ -135,7 +135,7 @@ def story(script: list[Step], **learning: Any) -> Story:
     for name in ("add_collision", "add_safe", "sample"):
         record(buffer, name, tape)
     scripted_env: Any = env
-    training = Training(scripted_env, always(LEFT), [learner], buffer, generator)
+    training = Training(scripted_env, always(LEFT), learner, buffer, generator)
     return Story(training, env, buffer, learner, tape)
 
 
@@ -180,12 +180,10 @@ def test_the_row_of_an_episode_counts_what_happened_in_it() -> None:
     assert (row.epsilon, row.mean_loss) == (1.0, np.mean([u.loss for u in learner.updates]))
 
 
-def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    training, _, buffer, _, _ = story([QUIET] * 3, epsilon_start=0, epsilon_end=0)
+def test_a_training_explores_and_its_evaluations_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    training, _, buffer, _, _ = story([QUIET] * 3, epsilon_start=1, epsilon_end=1)
     training.run_episode()
-    assert buffer.safe.rows["a_t"][:3].tolist() == [LEFT] * 3
+    assert len({*buffer.safe.rows["a_t"][:3].tolist()}) > 1
 
     driven: list[int] = []
     result = EpisodeResult(*[0] * (len(fields(EpisodeResult)) - 3))  # type: ignore[arg-type]
@@ -196,7 +194,7 @@ def test_it_learns_from_lane_changes_that_its_driver_does_not_begin(
 
     monkeypatch.setattr(module, "drive", drive)
     training.evaluate()
-    assert driven == [KEEP] * 10
+    assert driven == [LEFT] * 10
 
 
 def test_epsilon_1_takes_every_action_and_epsilon_0_the_greedy_one() -> None:
@@ -260,12 +258,10 @@ def test_importance_exponent_rises_with_the_episodes() -> None:
     assert found == pytest.approx([0.5 + 0.05 * k for k in range(10)])
 
 
-@pytest.mark.parametrize("penalty", [0.0, 1.5])
 @pytest.mark.parametrize("replay", REPLAYS)
-def test_state_of_every_replay_makes_the_round_trip(replay: str, penalty: float) -> None:
+def test_state_of_every_replay_makes_the_round_trip(replay: str) -> None:
     script = [QUIET, OVERRULED, (None, Rule.NONE, -7.0, True)]
     options: dict[str, Any] = {"replay": replay, "safe_capacity": 20, "collision_capacity": 5}
-    options["unsafe_penalty"] = penalty
     alone, begun, resumed = (made(script, **options)[0] for _ in range(3))
     for _ in range(10):
         alone.run_episode()

@@ -100,23 +100,20 @@ def test_a_folder_that_is_missing_is_named(tmp_path):
     assert one_sentence(error)
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_a_policy_file_stands_on_its_own(tmp_path, count):
-    config = preset("fast").updated("learning", hidden_units=30, networks=count)
-    rng = np.random.default_rng(0)
-    networks = [QNetwork(rng, hidden=(30, 30)) for _ in range(count)]
-    save_policy(tmp_path / "policy.safetensors", networks, config)
+def test_a_policy_file_stands_on_its_own(tmp_path):
+    config = preset("literal").updated("learning", hidden_units=30, mirrored=True)
+    network = QNetwork(np.random.default_rng(0), hidden=(30, 30))
+    save_policy(tmp_path / "policy.safetensors", network, config)
     found, found_config = load_policy(tmp_path / "policy.safetensors")
     assert found_config == config
-    for mine, its in zip(found, networks, strict=True):
-        assert np.array_equal(mine.flat, its.flat)
+    assert np.array_equal(found.flat, network.flat)
 
 
 def test_other_users_can_read_the_policy_with_safetensors_alone(tmp_path):
     from safetensors.torch import load_file
 
     network = QNetwork(np.random.default_rng(0))
-    save_policy(tmp_path / "policy.safetensors", [network], preset("paper"))
+    save_policy(tmp_path / "policy.safetensors", network, preset("paper"))
     tensors = load_file(tmp_path / "policy.safetensors")
     assert np.array_equal(tensors["layers.1.weight"].numpy(), network.layers[1][0])
 
@@ -125,15 +122,11 @@ def test_a_policy_of_other_shapes_or_none_at_all_is_refused(tmp_path, saved):
     with pytest.raises(CheckpointError, match="holds no policy"):
         load_policy(saved)
     path = tmp_path / "policy.safetensors"
-    save_policy(path, [QNetwork(np.random.default_rng(0), hidden=(30, 30))], preset("paper"))
+    save_policy(path, QNetwork(np.random.default_rng(0), hidden=(30, 30)), preset("paper"))
     with pytest.raises(CheckpointError, match="does not fit a network of 27 -> 100") as error:
         load_policy(path)
     assert one_sentence(error)
-    save_policy(path, [QNetwork(np.random.default_rng(0), action_size=6)], preset("paper"))
-    with pytest.raises(CheckpointError, match="does not fit"):
-        load_policy(path)
-    several = preset("paper").updated("learning", networks=2)
-    save_policy(path, [QNetwork(np.random.default_rng(0))], several)
+    save_policy(path, QNetwork(np.random.default_rng(0), action_size=6), preset("paper"))
     with pytest.raises(CheckpointError, match="does not fit"):
         load_policy(path)
     save(path, {}, {"kind": "policy", "config": "[learning]\nwings = 2\n"})
@@ -156,7 +149,7 @@ def test_a_generator_continues_where_it_was(tmp_path):
 def test_weights_with_which_the_values_of_actions_overflow_are_refused(tmp_path, number):
     network = QNetwork(np.random.default_rng(0))
     network.layers[1][0][3, 4] = number
-    save_policy(tmp_path / "policy.safetensors", [network], preset("paper"))
+    save_policy(tmp_path / "policy.safetensors", network, preset("paper"))
     with pytest.raises(CheckpointError, match="no finite numbers") as error:
         load_policy(tmp_path / "policy.safetensors")
     assert one_sentence(error)

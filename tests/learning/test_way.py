@@ -25,6 +25,7 @@ checkpoint_every = 2
 batch_size = 8
 hidden_units = 10
 collisions_to_start = 0
+mirrored = true
 """
 
 
@@ -33,17 +34,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short training on the road to an exit."""
     home = tmp_path_factory.mktemp("way")
     (home / "short.toml").write_text(SHORT)
-    words = ["--preset", "fast-ramp_to_ramp", "--config", str(home / "short.toml")]
+    words = ["--preset", "paper-ramp_to_ramp", "--config", str(home / "short.toml")]
     assert main(["train", "--out", str(home / "run"), *words]) == 0
     return home / "run"
 
 
-def test_its_networks_have_30_inputs_and_learn_of_the_way(run: Path) -> None:
-    networks, config = load_run(run)
+def test_its_network_has_30_inputs_and_learns_of_the_way(run: Path) -> None:
+    network, config = load_run(run)
     assert config.observation.way
-    assert [network.sizes for network in networks] == [(30, 10, 10, 12)] * 3
+    assert network.sizes == (30, 10, 10, 12)
     untrained = QNetwork(np.random.default_rng(0), 30, hidden=(10, 10))
-    (weight, _), *_ = networks[0].layers
+    (weight, _), *_ = network.layers
     (initial, _), *_ = untrained.layers
     assert weight.shape == initial.shape == (10, 30)
     assert (weight[:, 28] != initial[:, 28]).any()  # way_changes

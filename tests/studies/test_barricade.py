@@ -43,7 +43,7 @@ def insists_on(action: int) -> LearnedDriver:
     network = QNetwork(np.random.default_rng(0), 27, hidden=(8,))
     network.flat[:] = 0.0
     network.layers[-1][-1][action] = 1.0
-    return learned_driver([network], Config())
+    return learned_driver(network, Config())
 
 
 def driven(check: str, direction: int, greedy: int) -> BarricadeMetrics:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from runs import TINY, files_of
 
@@ -240,9 +239,9 @@ def test_both_begin_as_the_driver_of_the_curves_and_only_one_of_them_learns(
     names = ("mixed_paper-1", "mixed_paper-1/adaptation-1", "mixed_paper-1/no_adaptation-1")
     weights, remembered = {}, {}
     for name in names:
-        networks, _ = load_policy(runs / name / "policy.safetensors")
+        network, _ = load_policy(runs / name / "policy.safetensors")
         tensors, _ = load(runs / name / "checkpoint.safetensors")
-        weights[name] = np.concatenate([network.flat for network in networks])
+        weights[name] = network.flat
         remembered[name] = sum(
             len(tensors[f"buffer.{kind}.rows"]) for kind in ("safe", "collision")
         )

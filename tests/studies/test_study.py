@@ -129,10 +129,10 @@ traffic = ["calm", "overtaking"]
 vehicles = [2]
 seeds = { count = 1 }
 
-[trainings."fast-{seed}"]
+[trainings."paper-{seed}"]
 name = "seed {seed}"
 label = "{count} trainings"
-base = "fast"
+base = "paper"
 seeds = { first = 4, count = 2 }
 
 [tables.trained]
@@ -160,7 +160,7 @@ def test_drivers_are_trained_once_and_drive_with_the_settings_of_the_study(
     assert facts["settings"]["seed 5"]["learning"]["seed"] == 5
     assert facts["settings"]["seed 5"]["safety"]["check"] == "paper"  # while it learned
     assert facts["episodes"] == {"seed 4": 2, "seed 5": 2}
-    assert {"fast-4", "fast-5"} < facts["wall_time_s"].keys()
+    assert {"paper-4", "paper-5"} < facts["wall_time_s"].keys()
     speed = {(row["driver"], row["traffic"]): float(row["mean_speed_m_s"]) for row in rows}
     [line] = study.tables["trained"](short.out).splitlines()[2:]
     assert line.startswith("| 2 trainings | ")
@@ -182,7 +182,7 @@ def test_another_policy_under_the_name_of_a_training_is_refused(
     list(make(study, short))
     beside = short.out / "trained.json"
     facts = json.loads(beside.read_text())
-    facts["policies_sha256"]["fast-4"] = "that of another"
+    facts["policies_sha256"]["paper-4"] = "that of another"
     beside.write_text(json.dumps(facts))
     table = short.out / "trained.csv"
     table.write_bytes(b"".join(table.read_bytes().splitlines(keepends=True)[:2]))

@@ -29,7 +29,7 @@ def trained(world: str) -> Training:
         Config()
         .updated("simulation", world=world, **SHORT)
         .updated("traffic", vehicles_min=0, vehicles_max=6)
-        .updated("learning", episodes=4, collisions_to_start=1, networks=1)
+        .updated("learning", episodes=4, collisions_to_start=1)
     )
     with closing(HighwayEnv(config=config)) as env:
         training = build_training(env)
@@ -52,7 +52,7 @@ def test_a_run_says_in_which_world_it_learned_and_is_evaluated_in_sumo_unless_to
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run, table, other = tmp_path / "run", tmp_path / "twin.csv", tmp_path / "sumo.csv"
-    settings = ["-o", "simulation.decisions_per_episode=20", "-o", "learning.networks=1"]
+    settings = ["-o", "simulation.decisions_per_episode=20"]
     words = ["train", "--world", "twin", "--episodes", "2", "--out", str(run), *settings]
     assert main(words) == 0
     assert load_config(run / "config.toml").simulation.world == "twin"

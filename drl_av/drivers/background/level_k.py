@@ -56,7 +56,7 @@ def level_0(values: FloatArray, codes: IntArray, config: Level0Config | Level0Nu
 class LevelKNumbers(NamedTuple):
     """A level-k driver: the greedy policy of a network that was trained in level-(k - 1) traffic.
 
-    Unlike the learned drivers of the ego, the driver uses no mirror images and no margins.
+    Unlike the learned drivers of the ego, the driver uses no mirror images.
     """
 
     layers: tuple[tuple[Float32Array, Float32Array], ...]
@@ -173,17 +173,15 @@ def load_level_k(road: Road, level: int, folder: Path | None = None) -> LevelKNu
         folder: A run's folder with the policy; None for the shipped one.
 
     Raises:
-        CheckpointError: the policy file is missing or damaged, holds several networks, or does not
+        CheckpointError: the policy file is missing or damaged, or does not
             match the config in the folder.
     """
     try:
-        networks, config = load_run(folder or LEVELS[level])
-        if len(networks) > 1:
-            raise CheckpointError(f"{folder} holds {len(networks)} networks, not one")
+        network, config = load_run(folder or LEVELS[level])
     except DrlAvError as error:
         raise CheckpointError(
             f"The level-{level} driver of the traffic cannot be read "
             f"({str(error).removesuffix('.')}): train it again with make level_{level}, or set "
             f"traffic.level_{level}_share to 0."
         ) from error
-    return level_k_numbers(networks[0].layers, config, road)
+    return level_k_numbers(network.layers, config, road)

@@ -126,7 +126,7 @@ def run(tmp_path: Path) -> Path:
     """The folder of a run with an untrained policy and another top speed than the default."""
     config = CONFIG.updated("learning", hidden_units=16).updated("ego", max_speed_m_s=25.0)
     network = QNetwork(np.random.default_rng(41), hidden=(16, 16))
-    save_policy(tmp_path / "policy.safetensors", [network], config)
+    save_policy(tmp_path / "policy.safetensors", network, config)
     (tmp_path / "config.toml").write_text(config.to_toml())
     return tmp_path
 
@@ -157,25 +157,20 @@ def test_a_layer_adds_up_the_inputs_in_their_order_compiled_or_not() -> None:
         assert sums[100] == 0.0
 
 
-@pytest.mark.parametrize("harm", ["missing", "cut short", "27 -> 16", "several"])
+@pytest.mark.parametrize("harm", ["missing", "cut short", "27 -> 16"])
 def test_level_1_that_cannot_be_read_is_reported_in_one_sentence(run: Path, harm: str) -> None:
     reason = {
         "missing": "holds no trained driver",
         "cut short": "cut short",
         "27 -> 16": "does not fit a network of 27 -> 100",
-        "several": "holds 2 networks, not one",
     }[harm]
     file = run / "policy.safetensors"
     if harm == "missing":
         file.unlink()
     elif harm == "cut short":
         file.write_bytes(file.read_bytes()[:-100])
-    elif harm == "27 -> 16":
-        save_policy(file, [QNetwork(np.random.default_rng(0), hidden=(16, 16))], CONFIG)
     else:
-        several = CONFIG.updated("learning", networks=2)
-        save_policy(file, [QNetwork(np.random.default_rng(n)) for n in (0, 1)], several)
-        (run / "config.toml").write_text(several.to_toml())
+        save_policy(file, QNetwork(np.random.default_rng(0), hidden=(16, 16)), CONFIG)
     message = rf"^The level-1 driver of the traffic cannot be read \(.*{reason}.*\): train .*make"
     with pytest.raises(CheckpointError, match=message):
         load_level_k(ROAD, 1, run)
