@@ -51,12 +51,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def figures(options: argparse.Namespace) -> int:
     """Draw each figure for which the given sources have data, or ``reward`` without any; return 0.
 
-    Raises ConfigError if a folder is not a run, tables have an episode of a driver twice, or
-    ``--out`` has the suffix of another kind of file.
+    Raises ConfigError if a folder is not a run, runs are of two algorithms, tables have an episode
+    of a driver twice, or ``--out`` has the suffix of another kind of file.
     """
     from drl_av.evaluation.figure_style import add_title, fit_columns
     from drl_av.evaluation.figures import (
         gain_figure,
+        is_ppo,
         learning_figure,
         profile_figure,
         reward_figure,
@@ -71,12 +72,14 @@ def figures(options: argparse.Namespace) -> int:
     alone = [Path(word) for name, [word, *_] in sources if not name]
     runs, tables = [p for p in alone if p.is_dir()], [p for p in alone if not p.is_dir()]
     every_run = [run for own in (runs, *groups.values()) for run in own]
-    if by_ppo := [run for run in every_run if (run / "updates.csv").is_file()]:
+    by_ppo = [run for run in every_run if is_ppo(run)]
+    by_another = [run for run in every_run if (run / "evaluations.csv").is_file()]
+    if by_ppo and by_another:
         raise ConfigError(
-            f"{by_ppo[0]} is a training by PPO, which drives no evaluations on its way: draw a "
-            "table of drl-av evaluate instead."
+            f"{by_ppo[0]} is a training by PPO and {by_another[0]} one by Algorithm 1, whose "
+            "rewards differ: draw their learning curves apart, or a table of drl-av evaluate."
         )
-    if others := [run for run in every_run if not (run / "evaluations.csv").is_file()]:
+    if others := [run for run in every_run if run not in (*by_ppo, *by_another)]:
         raise ConfigError(
             f"{others[0]} is not a run, it has no evaluations.csv: name the folder of a run, or a "
             "table of evaluate."

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EPISODE_COLUMNS = {"driver": str, "vehicles": PlainNumber, "mean_speed_m_s": PlainNumber}
-EVALUATION_COLUMNS = {"episode": PlainNumber, "mean_reward": PlainNumber}
+EPISODE_REWARDS = {"episode": PlainNumber, "mean_reward": PlainNumber}
 SMOOTHED_OVER = 20
-"""Number of training episodes in the moving mean of a learning curve."""
+"""Number of training episodes, or of updates of PPO, in the moving mean of a learning curve."""
 PLOTTED_SAFE_GAP_M = 40.0
 """d_safe in Fig. 4 of the paper, its reward functions; the reward's own is 39 m at 30 m/s."""
 MOST_DRIVERS = 50
@@ -60,17 +60,21 @@ BESIDE = 0.15
 def learning_figure(
     runs: Sequence[Path], groups: Mapping[str, Sequence[Path]] = MappingProxyType({})
 ) -> "Figure":
-    """Draw the greedy driver's mean reward per decision against training episodes.
+    """Draw the mean reward per decision of trainings by one algorithm.
 
-    The figure has one curve for each run's folder, like Fig. 5 of the paper. A second curve in a
-    light colour shows the mean reward of the last ``SMOOTHED_OVER`` training episodes, which
-    include exploration. Each group of ``groups``, runs by name, has one curve: their mean, within
-    the band of its 95 % interval, at the evaluations that all of them have.
+    The figure has one curve for each run's folder, like Fig. 5 of the paper: the reward of the
+    greedy driver against training episodes. A second curve in a light colour shows the mean reward
+    of the last ``SMOOTHED_OVER`` training episodes, which include exploration. PPO at scale drives
+    no evaluations: its curve is the mean of the last ``SMOOTHED_OVER`` updates against decisions.
+    Each group of ``groups``, runs by name, has one curve: their mean, within the band of its 95 %
+    interval, at the points that all of them have.
 
     Raises:
-        DrlAvError: a run has no evaluation yet, or a table is damaged.
+        DrlAvError: a run has no evaluation or update yet, or a table is damaged.
     """
-    figure, axes = one_panel("training episode", "mean reward a decision")
+    first, *_ = [*runs, *(run for group in groups.values() for run in group)]
+    unit, marker = ("million decisions", "") if is_ppo(first) else ("training episode", ".")
+    figure, axes = one_panel(unit, "mean reward a decision")
     labels = dict[str, Path]()
     for run in runs:
         labels[run.name if run.name not in labels else str(run)] = run
@@ -79,17 +83,19 @@ def learning_figure(
         found = [_evaluations(run) for run in group]
         common = sorted(set.intersection(*({*own} for own in found)))
         if not common:
-            raise DrlAvError(f"The runs of {name} have no evaluation of the same episode.")
+            raise DrlAvError(f"The runs of {name} have no point in common.")
         means = [mean_with_interval(own[episode] for own in found) for episode in common]
         label = _of_trainings(name, len(group))
-        style = {"color": styles[name][0], "marker": ".", "zorder": 2}
+        style = {"color": styles[name][0], "marker": marker, "zorder": 2}
         curves[label] = banded_curve(axes, common, means, UNBOUNDED, **style)
     for label, run in labels.items():
         evaluated, color = _evaluations(run), styles[label][0]
-        [curve] = axes.plot([*evaluated], [*evaluated.values()], color=color, marker=".", zorder=2)
+        [curve] = axes.plot(
+            [*evaluated], [*evaluated.values()], color=color, marker=marker, zorder=2
+        )
         if (run / "episodes.csv").is_file():
-            driven = read_table(run / "episodes.csv", EVALUATION_COLUMNS, growing=True)
-            numbers, rewards = ([row[name] for row in driven] for name in EVALUATION_COLUMNS)
+            driven = read_table(run / "episodes.csv", EPISODE_REWARDS, growing=True)
+            numbers, rewards = ([row[name] for row in driven] for name in EPISODE_REWARDS)
             places = np.arange(1.0, len(driven) + 1)
             training = moving_average(places, np.array(rewards), SMOOTHED_OVER)
             axes.plot(numbers, training, color=color, alpha=0.3, zorder=1)
@@ -98,12 +104,23 @@ def learning_figure(
     return figure
 
 
+def is_ppo(run: Path) -> bool:
+    """Whether a folder is that of a training by PPO at scale."""
+    return (run / "updates.csv").is_file()
+
+
 def _evaluations(run: Path) -> dict[float, float]:
-    """Return the mean reward of each evaluation of a run by its episode."""
-    rows = read_table(run / "evaluations.csv", EVALUATION_COLUMNS, growing=True)
+    """Return the mean reward of each evaluation by its episode, or by million decisions of PPO."""
+    place, table = ("decisions", "updates") if is_ppo(run) else ("episode", "evaluations")
+    columns = {place: PlainNumber, "mean_reward": PlainNumber}
+    rows = read_table(run / f"{table}.csv", columns, growing=True)
     if not rows:
-        raise DrlAvError(f"The run {run} has no evaluation yet: train it for longer.")
-    return {row["episode"]: row["mean_reward"] for row in rows}
+        raise DrlAvError(f"The run {run} has no {table[:-1]} yet: train it for longer.")
+    places, rewards = (np.array([row[name] for row in rows]) for name in columns)
+    if is_ppo(run):
+        places = places / 1e6
+        rewards = moving_average(np.arange(1.0, len(rows) + 1), rewards, SMOOTHED_OVER)
+    return dict(zip(places.tolist(), rewards.tolist(), strict=True))
 
 
 def _of_trainings(name: str, trainings: int) -> str:

@@ -92,6 +92,33 @@ def test_learning_figure_follows_the_evaluations_of_a_run(tmp_path: Path) -> Non
     assert axes.lines[0].get_ydata().tolist() == [-0.4, -0.1]
 
 
+def test_the_learning_curve_of_ppo_is_the_mean_of_its_last_20_updates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    large, paper = tmp_path / "large", tmp_path / "paper"
+    rewards = [-1.0] * 20 + [-0.5] * 20
+    rows = (f"{1_000_000 * update},{reward},0\n" for update, reward in enumerate(rewards, 1))
+    for run in (large, paper):
+        run.mkdir()
+        (run / "config.toml").touch()
+    (large / "updates.csv").write_text("decisions,mean_reward,collisions\n" + "".join(rows))
+    (paper / "evaluations.csv").write_text("episode,mean_reward\n100,-0.4\n")
+    [axes] = learning_figure([large]).axes
+    [curve] = axes.lines
+    drawn = curve.get_ydata()
+    assert curve.get_xdata()[[0, 39]].tolist() == [1.0, 40.0]
+    assert drawn[[0, 19, 29, 39]] == pytest.approx([-1, -1, -0.75, -0.5])
+    assert (axes.get_xlabel(), learning_figure([paper]).axes[0].get_xlabel()) == (
+        "million decisions",
+        "training episode",
+    )
+    assert main(["figures", str(large), "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "learning.png").stat().st_size > 0
+    assert main(["figures", str(paper), str(large), "--out", str(tmp_path / "out")]) == 1
+    assert f"{large} is a training by PPO and {paper} one by Alg" in error_message(capsys)
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_training_reward_is_drawn_behind_as_a_mean_of_the_last_20_episodes(
     tmp_path: Path,
 ) -> None:
@@ -213,9 +240,9 @@ def test_a_folder_that_is_no_run_is_refused(
 ) -> None:
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     assert "is not a run, it has no evaluations.csv: name the folder" in error_message(capsys)
-    (tmp_path / "updates.csv").touch()
+    (tmp_path / "updates.csv").write_text("decisions,mean_reward,collisions\n")
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    assert "is a training by PPO" in error_message(capsys)
+    assert "has no update yet: train it for longer" in error_message(capsys)
     assert not (tmp_path / "out").exists()
 
 
