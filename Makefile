@@ -54,10 +54,10 @@ crime: setup
 prove: setup
 	$(BIN)/python -m verification.prove
 
-# The shipped driver, trained again (minutes).
+# The shipped driver, trained again (half an hour).
 pretrained: setup
 	$(BIN)/drl-av train --preset large --out runs/pretrained
-	cd runs/pretrained && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/
+	cd runs/pretrained && cp config.toml policy.safetensors ../../drl_av/pretrained/
 
 # The driver by the paper's whole schedule, trained again (half an hour).
 pretrained-paper: setup
@@ -68,7 +68,7 @@ pretrained-paper: setup
 # The drivers of roads with ramps, trained again in the twin (half an hour each).
 pretrained-merge pretrained-exit pretrained-ramp_to_ramp: pretrained-%: setup
 	$(BIN)/drl-av train --preset large-$* --out runs/$@
-	cd runs/$@ && cp config.toml updates.csv policy.safetensors ../../drl_av/pretrained/$*/
+	cd runs/$@ && cp config.toml policy.safetensors ../../drl_av/pretrained/$*/
 
 # The level-k drivers of the traffic, trained again among drivers of one level less (minutes).
 level_1 level_2: setup

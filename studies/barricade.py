@@ -15,8 +15,8 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import preset
-from drl_av.drivers.learned import LearnedDriver
-from drl_av.driving.actions import ACTIONS, Action
+from drl_av.drivers.driver import Driver
+from drl_av.driving.actions import Action
 from drl_av.driving.maneuver import target_lane
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
@@ -60,7 +60,7 @@ AVOIDED = 1e-3
 class BarricadeMetrics(EpisodeMetrics):
     """Computes the metrics of an episode, and counts the actions into the closed lane."""
 
-    def __init__(self, road: Road, driver: LearnedDriver) -> None:
+    def __init__(self, road: Road, driver: Driver) -> None:
         super().__init__()
         self._road, self._driver = road, driver
         self.proposed = 0
@@ -76,7 +76,7 @@ class BarricadeMetrics(EpisodeMetrics):
     def add(self, decision: Transition) -> None:
         """Add the next decision of the episode."""
         super().add(decision)
-        greedy = ACTIONS[self._driver.greedy(decision.observation)]
+        greedy = self._driver.act(decision.scene, decision.observation)
         self.proposed += self._enters_closed_lane(decision.scene, decision.proposed)
         self.chosen += self._enters_closed_lane(decision.scene, greedy)
         if decision.collision is not None:

@@ -119,7 +119,7 @@ def _network(rng: random.Random, folder: Path) -> None:
 
 def _policy(rng: random.Random, folder: Path) -> None:
     file = folder / "policy.safetensors"
-    shipped = PRETRAINED / rng.choice(("paper",))
+    shipped = PRETRAINED / rng.choice(("paper", "level_1", "level_2"))
     file.write_bytes(mutated((shipped / file.name).read_bytes(), rng))
     network, _ = load_policy(file)
     assert np.isfinite(network.flat).all()

@@ -32,7 +32,7 @@ from statistics import fmean
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, default_config, find_drivers, make_drivers
-from drl_av.driving.car_following import acceleration_behind_ego
+from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
@@ -152,7 +152,9 @@ def _demanded(scene: Scene, name: str, mobil: MobilConfig) -> float:
     seen = scene.affordances
     for rear in map(seen.rear, (0, 1, -1)):
         if rear is not None and scene.snapshot.ids[rear.vehicle] == name:
-            return -acceleration_behind_ego(seen, rear, mobil)
+            closing_m_s = rear.relative_speed_m_s
+            speed_m_s = seen.ego_speed_m_s + closing_m_s
+            return -idm_acceleration(speed_m_s, math.inf, rear.gap_m, closing_m_s, mobil)
     return 0.0
 
 
@@ -244,12 +246,11 @@ def main() -> int:
 def driven_with(spec: DriverSpec, scenario: Path) -> Config:
     """Return the config of an environment for a driver, with ``calm`` traffic.
 
-    A learned driver has its margins, and the observation and the limits of the ego with which it
-    was trained.
+    A learned driver has the observation and the limits of the ego with which it was trained.
     """
     own = default_config([spec])
     calm = Config().with_traffic("calm")
-    config = replace(calm, observation=own.observation, ego=own.ego, learning=own.learning)
+    config = replace(calm, observation=own.observation, ego=own.ego)
     return config.updated("safety", check="strict").updated("simulation", scenario=str(scenario))
 
 

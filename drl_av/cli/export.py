@@ -26,7 +26,7 @@ def export(options: argparse.Namespace) -> int:
     """Write the ONNX file, and describe its inputs and outputs; return the exit status 0."""
     from drl_av.config.functions import is_factory
     from drl_av.drivers.masked_policy import is_actor, load_actor
-    from drl_av.drivers.onnx import INPUTS, OUTPUTS
+    from drl_av.drivers.onnx import OUTPUTS, inputs_of
     from drl_av.drivers.onnx import export as write
     from drl_av.drivers.onnx_graph import export_actor
     from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run
@@ -62,7 +62,7 @@ def export(options: argparse.Namespace) -> int:
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
     write(options.out, network, config, scale, road.lane_width_m if check else None)
-    for kind, ports in (("input", INPUTS), ("output", OUTPUTS)):
+    for kind, ports in (("input", inputs_of(check is not None)), ("output", OUTPUTS)):
         for port in ports:
             shape = ", ".join(map(str, port.shape))
             print(f"{options.out}: {kind} {port.name}, {port.dtype} ({shape})")

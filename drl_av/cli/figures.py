@@ -73,16 +73,16 @@ def figures(options: argparse.Namespace) -> int:
     runs, tables = [p for p in alone if p.is_dir()], [p for p in alone if not p.is_dir()]
     every_run = [run for own in (runs, *groups.values()) for run in own]
     by_ppo = [run for run in every_run if is_ppo(run)]
-    by_another = [run for run in every_run if (run / "evaluations.csv").is_file()]
+    by_another = [run for run in every_run if run not in by_ppo]
+    if others := [run for run in by_another if not (run / "evaluations.csv").is_file()]:
+        raise ConfigError(
+            f"{others[0]} is not a run, it has neither evaluations.csv nor updates.csv: name the "
+            "folder of a run, or a table of evaluate."
+        )
     if by_ppo and by_another:
         raise ConfigError(
             f"{by_ppo[0]} is a training by PPO and {by_another[0]} one by Algorithm 1, whose "
             "rewards differ: draw their learning curves apart, or a table of drl-av evaluate."
-        )
-    if others := [run for run in every_run if run not in (*by_ppo, *by_another)]:
-        raise ConfigError(
-            f"{others[0]} is not a run, it has no evaluations.csv: name the folder of a run, or a "
-            "table of evaluate."
         )
     figures = dict[str, Any]()
     if tables:

@@ -31,11 +31,8 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preset", metavar="NAME", help=f"one of: {', '.join(PRESETS)} (default: paper)"
     )
-    counted = {name: found.learning for name, found in PRESETS.items()}
-    numbers = ", ".join(
-        f"{name} {found.episodes}" for name, found in counted.items() if found.algorithm != "ppo"
-    )
-    episodes = f"episodes of at most 200 s of Algorithm 1 (default: the preset's, {numbers})"
+    usual = Config().learning.episodes
+    episodes = f"episodes of at most 200 s of Algorithm 1 (default: the preset's, {usual})"
     add_number(parser, "--episodes", 1, episodes)
     seeds = parser.add_mutually_exclusive_group()
     add_number(seeds, "--seed", 0, "random seed (default: the preset's)", shown="S")

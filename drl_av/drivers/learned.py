@@ -61,16 +61,9 @@ class LearnedDriver(Driver):
     def __init__(self, values: Values) -> None:
         self.values = values
 
-    def greedy(self, s_t: Float32Array) -> int:
-        """Return the number of the greedy action, argmax_a Q(s_t, a).
-
-        The training chooses it with probability 1 - epsilon (Algorithm 1 of the paper, line 5).
-        """
-        return int(self.values(s_t).argmax())
-
     def act(self, scene: Scene, observation: Float32Array) -> Action:
-        """Return the greedy action."""
-        return ACTIONS[self.greedy(observation)]
+        """Return the greedy action, argmax_a Q(s, a) (Algorithm 1 of the paper, line 5)."""
+        return ACTIONS[self.values(observation).argmax()]
 
 
 def learned_driver(network: QNetwork, config: Config) -> LearnedDriver:

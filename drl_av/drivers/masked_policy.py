@@ -14,7 +14,7 @@ from drl_av.drivers.policy_file import load
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE, observe_wide
-from drl_av.errors import CheckpointError, DrlAvWarning, RunError
+from drl_av.errors import CheckpointError, ConfigError, DrlAvWarning, RunError
 from drl_av.road.road import Road
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
@@ -37,9 +37,14 @@ class MaskedPolicyDriver(Driver):
     """
 
     def __init__(self, layers: Layers, check: SafetyCheck, road: Road, config: Config) -> None:
-        self._layers, self._check, self._road = layers, check, road
+        self._layers = layers
+        self.drive_on(road, check)
         self._range_m = config.observation.range_m
         self._max_speed_m_s = config.ego.max_speed_m_s
+
+    def drive_on(self, road: Road, check: SafetyCheck) -> None:
+        """Drive on another road, or under another check, from now on."""
+        self._road, self._check = road, check
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the permitted action with the largest logit; of all actions if none is permitted.
@@ -113,7 +118,12 @@ def load_actor(path: Path) -> tuple[Layers, Config]:
             weights do not fit its config or are not finite numbers.
     """
     tensors, metadata = load(path)
-    config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
+    try:
+        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
+    except ConfigError as error:
+        raise CheckpointError(
+            f"{path} was written with other settings than this version knows: {error}"
+        ) from error
     sizes = INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)
     shapes: dict[str, tuple[int, ...]] = {}
     for number, (inputs, outputs) in enumerate(pairwise(sizes)):

@@ -55,12 +55,12 @@ INPUTS = (
         "lane_change",
         "bool",
         None,
-        "whether a lane change of the ego is in progress: from the decision that starts it until "
-        "the ego is on the centre of a lane again",
+        "only with a safety check: whether a lane change of the ego is in progress, from the "
+        "decision that starts it until the ego is on the centre of a lane again",
     ),
 )
 INDICATORS_INPUT, LANE_CHANGE_INPUT = (port.name for port in INPUTS)
-"""Names of the two inputs of an ONNX file that ``drl-av export`` wrote."""
+"""Names of the inputs of an ONNX file that ``drl-av export`` wrote; the second with a check."""
 OUTPUTS = (
     Port(
         "action",
@@ -76,6 +76,11 @@ INSIDE = (
     "the scene and its mirror image if the driver was trained so. It has no safety check. One "
     "call is one decision, for the next second."
 )
+
+
+def inputs_of(is_checked: bool) -> Sequence[Port]:
+    """Return the inputs of a file with or without the safety check."""
+    return INPUTS if is_checked else INPUTS[:1]
 
 
 def described() -> str:
@@ -142,7 +147,8 @@ def export(
         inside = inside.replace("It has no safety check", "The action has passed the check paper")
         given = proposed, INDICATORS_INPUT, LANE_CHANGE_INPUT
         checked_by_paper(graph, *given, config, lane_width_m)
-    helper, inputs, outputs = onnx.helper, *(_described(ports) for ports in (INPUTS, OUTPUTS))
+    ports = inputs_of(is_checked=lane_width_m is not None), OUTPUTS
+    helper, inputs, outputs = onnx.helper, *map(_described, ports)
     made = helper.make_graph(
         graph.nodes, "drl_av_driver", inputs, outputs, graph.constants, doc_string=inside
     )
@@ -321,7 +327,7 @@ def _session(path: Path, observed: int) -> Run:
             "export it again."
         ) from error
     names = [item.name for item in session.get_inputs()]
-    own = set(names) == {INDICATORS_INPUT, LANE_CHANGE_INPUT}
+    own = "indicators" in session.get_modelmeta().custom_metadata_map
     if own and observed != len(INDICATORS):
         raise CheckpointError(
             f"{path} observes {len(INDICATORS)} indicators, but observation.way adds others here: "

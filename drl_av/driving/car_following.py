@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, TypeVar
 from drl_av.compiled import squared
 from drl_av.config import EgoConfig, MobilConfig
 from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, acceleration_of
-from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.road.compiled_road import allowed_speed_in
 from drl_av.road.road import FloatArray
 
@@ -63,14 +62,6 @@ def idm_acceleration(
     interaction = squared(wanted_gap_m / max(gap_m, 0.01))
     free: float = 1 - (speed_m_s / desired_m_s) ** 4.0
     return config.acceleration_m_s2 * (free - interaction)
-
-
-def acceleration_behind_ego(
-    affordances: Affordances, rear: Neighbor, config: Idm | MobilConfig | MobilNumbers
-) -> float:
-    """Return the IDM acceleration of ``rear`` behind the ego, m/s^2; its desired speed is inf."""
-    speed_m_s = affordances.ego_speed_m_s + rear.relative_speed_m_s
-    return idm_acceleration(speed_m_s, math.inf, rear.gap_m, rear.relative_speed_m_s, config)
 
 
 def acc_acceleration(

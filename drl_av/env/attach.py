@@ -7,6 +7,7 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.masked_policy import MaskedPolicyDriver
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.affordances import compute_affordances
@@ -149,6 +150,8 @@ class AttachedEgo:
         scene = Scene(shot, affordances, self._lane_change_on(shot, road))
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
         observation = observation_function(self._groups, scale)(scene)
+        if isinstance(self._driver, MaskedPolicyDriver):
+            self._driver.drive_on(road, self._check)
         proposed = self._driver.act(scene, observation)
         verdict = apply_check(self._check, scene, proposed)
         commands, self._lane_change = plan(scene, verdict.action, config.ego, config.simulation)

@@ -6,28 +6,19 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.compiled import borrowing, numbers, squared
-from drl_av.config import RewardConfig, SafetyConfig
+from drl_av.config import RewardConfig
 from drl_av.driving.affordances import (
     ALLOWED,
     CHANGES,
     LANE,
     NO_VEHICLE,
     WITHIN,
-    Affordances,
     IntArray,
     has_lane,
     slot_of,
 )
 from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
 from drl_av.safety.paper import SafetyNumbers, is_clear
-
-
-class Desired(NamedTuple):
-    """The desired speed and lateral position of the ego, v_des of eq. 7 and y_des of eq. 8."""
-
-    speed_m_s: float
-    lateral_m: float
-    """Position relative to the centre of the rightmost lane, left positive."""
 
 
 class Rewards(NamedTuple):
@@ -114,10 +105,18 @@ def tolerated_speed(
     return min(max(speed_m_s, lowest), highest)
 
 
-def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
+@borrowing
+def desired_values(
+    values: FloatArray,
+    codes: IntArray,
+    lane_width_m: float,
+    config: RewardNumbers,
+    safety: SafetyNumbers,
+) -> tuple[float, float]:
     """Return the desired speed v_des, m/s, and lateral position y_des, metres (ours).
 
-    Both depend on the affordance indicators only. ``config.desired`` says how:
+    Both depend only on the arrays that ``indicators`` has filled. The setting ``reward.desired``
+    says how:
 
     - "fixed": both are constants of the config.
     - "traffic": v_des is the ``tolerated_speed`` of the ego's lane. y_des is the centre of the best
@@ -130,20 +129,6 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     speed of the next lane in their direction, or of the ego's lane if the next lane has not begun
     yet.
     """
-    values, codes, *_ = affordances.arrays()
-    given = reward_numbers(config), numbers(SafetyNumbers, safety)
-    return Desired(*desired_values(values, codes, affordances.lane_width_m, *given))
-
-
-@borrowing
-def desired_values(
-    values: FloatArray,
-    codes: IntArray,
-    lane_width_m: float,
-    config: RewardNumbers,
-    safety: SafetyNumbers,
-) -> tuple[float, float]:
-    """Return the fields of ``desired`` from the arrays that ``indicators`` has filled."""
     if config.desired_is_fixed:
         return min(config.desired_speed_m_s, values[ALLOWED]), config.desired_lateral_m
     changes = codes[CHANGES]
@@ -222,16 +207,6 @@ def faster_side(
             if there > best and is_clear(values, codes, side, safety):
                 best, sign = there, side
     return sign
-
-
-def rewards(
-    affordances: Affordances, target: Desired, config: RewardConfig, minimum_gap_m: float
-) -> Rewards:
-    """Return the three reward terms of a scene; r_x uses the vehicle ahead in the own lane."""
-    front = affordances.own_front
-    gap_m = math.inf if front is None else front.gap_m
-    state = affordances.ego_speed_m_s, affordances.ego_y_m, gap_m
-    return Rewards(*terms(*state, *target, config, minimum_gap_m))
 
 
 def terms(

@@ -8,7 +8,7 @@ import numpy as np
 
 from drl_av.config import LearningConfig
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.learned import LearnedDriver, learned_driver
+from drl_av.drivers.learned import learned_driver
 from drl_av.drivers.network import Float32Array, QNetwork
 from drl_av.drivers.policy_file import State
 from drl_av.driving.actions import ACTIONS, Action
@@ -87,7 +87,7 @@ class ExploringDriver(Driver):
     The random numbers come from the training's generator, not from the episode's seed.
     """
 
-    def __init__(self, driver: LearnedDriver, rng: np.random.Generator) -> None:
+    def __init__(self, driver: Driver, rng: np.random.Generator) -> None:
         self._driver, self._rng = driver, rng
         self.epsilon = 1.0
 
@@ -95,7 +95,7 @@ class ExploringDriver(Driver):
         """Return a random action with probability ``epsilon``, else the driver's greedy action."""
         if self._rng.random() < self.epsilon:
             return ACTIONS[self._rng.integers(len(ACTIONS))]
-        return ACTIONS[self._driver.greedy(observation)]
+        return self._driver.act(scene, observation)
 
 
 class Training:
@@ -113,7 +113,7 @@ class Training:
     def __init__(
         self,
         env: HighwayEnv,
-        driver: LearnedDriver,
+        driver: Driver,
         learner: Learner,
         buffer: Buffer,
         rng: np.random.Generator,

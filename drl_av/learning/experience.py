@@ -1,7 +1,7 @@
 """What is stored of a decision, and what is learned from it: Algorithm 1, lines 6 and 8 to 12."""
 
 from drl_av.config import Config
-from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
+from drl_av.driving.mirror import Mirror, mirrored_observations
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError
 from drl_av.learning.replay import Batch, Buffer
@@ -39,7 +39,7 @@ def require_symmetry(config: Config, road: Road) -> None:
         )
 
 
-def mirror_half(batch: Batch, mirror: Mirror = MIRROR) -> Batch:
+def mirror_half(batch: Batch, mirror: Mirror) -> Batch:
     """Exchange left and right in every second transition of a minibatch, in place; return it.
 
     The rows of the safe buffer precede those of the collision buffer, so half of each is mirrored.

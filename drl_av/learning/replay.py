@@ -184,9 +184,9 @@ class Buffer(Protocol):
     """The interface of an experience buffer.
 
     ``add_safe`` stores a transition, ``add_collision`` stores a terminal transition, and ``sample``
-    draws a minibatch. ``collisions`` is the number of terminal transitions; TwoBuffers counts all
-    transitions in Buf_C. ``state`` returns a copy of the contents; ``restore`` loads exactly these,
-    or raises CheckpointError if they do not fit.
+    draws a minibatch. ``collisions`` is the number of terminal transitions. ``state`` returns a
+    copy of the contents; ``restore`` loads exactly these, or raises CheckpointError if they do not
+    fit.
     """
 
     def __len__(self) -> int: ...

@@ -108,11 +108,6 @@ def apply_check(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     return Verdict(action, rule)
 
 
-def permits(check: SafetyCheck, scene: Scene, proposed: Action) -> bool:
-    """Return whether the ego would execute the proposed action unchanged under the check."""
-    return apply_check(check, scene, proposed).action == proposed
-
-
 def permit_all(scene: Scene, proposed: Action) -> Verdict:
     """Return the verdict that permits the proposed action in every scene (the paper's ablation)."""
     return Verdict(proposed, Rule.NONE)

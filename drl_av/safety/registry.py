@@ -1,6 +1,7 @@
 """The safety checks: creation of the check that a config names, and the action mask."""
 
 from collections.abc import Callable
+from operator import eq
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
-from drl_av.safety.check import SafetyCheck, Verdicts, WholeCheck, permit_all, permits
+from drl_av.safety.check import SafetyCheck, Verdicts, WholeCheck, apply_check, permit_all
 from drl_av.safety.paper import Paper, PaperBeforeLaneEnds
 from drl_av.safety.strict import Strict
 
@@ -75,7 +76,8 @@ def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     """
     if isinstance(check, WholeCheck):
         return mask_of(check.verdicts(scene))
-    return np.array([permits(check, scene, action) for action in ACTIONS], np.int8)
+    executed = (apply_check(check, scene, action).action for action in ACTIONS)
+    return np.array([*map(eq, executed, ACTIONS)], np.int8)
 
 
 def mask_of(verdicts: Verdicts) -> ActionMask:

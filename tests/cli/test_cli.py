@@ -22,7 +22,7 @@ from drl_av.evaluation.statistics import Mean, Summary
 
 VERBS = {
     "scenario": ["metres", "default: 500", "default: 3)", "default: 3.8", "rightmost"],
-    "train": ["paper 10000, fast", "two-buffer", "permit_all", "TOML", "--resume", "200 s"],
+    "train": ["the preset's, 10000)", "two-buffer", "permit_all", "TOML", "--resume", "200 s"],
     "evaluate": ["default: 1 5 10 15 20 25 30", "default: 50", "default: 0", "default: 1)", "idm"],
     "adapt": [
         "default: 30000",
@@ -104,7 +104,7 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
     [
         (["evaluate", "imd"], r"no driver or run folder 'imd' \(did you mean 'idm'\?\)"),
         (["replay", "--driver", "idm-smuo"], r"did you mean 'idm-sumo'"),
-        (["train", "--out", "run", "--preset", "fats"], r"no preset 'fats' \(did you mean 'fast'"),
+        (["train", "--out", "run", "--preset", "larg"], r"no preset 'larg' \(did you mean 'large'"),
         (["train", "--out", "run", "--replay", "two-bufer"], r"did you mean 'two-buffer'"),
         (["train", "--out", "run", "--safety-check", "papr"], r"did you mean 'paper'"),
         (["evaluate", "idm", "--scenario", "circular_three_lanes"], r"did you mean 'circular_t"),

@@ -47,7 +47,8 @@ def test_the_driver_follows_parameters_that_change_in_place() -> None:
 
 
 def test_of_equal_values_the_first_is_taken() -> None:
-    assert LearnedDriver(stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.5})).greedy(S_T) == ACCELERATE
+    driver = LearnedDriver(stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.5}))
+    assert driver.act(ALONE, S_T).number == ACCELERATE
 
 
 # Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
@@ -72,8 +73,8 @@ def test_it_changes_left_where_in_the_mirror_it_changes_right(seed: int) -> None
     rng = np.random.default_rng(seed)
     driver = LearnedDriver(mirrored_values(network_values(QNetwork(rng))))
     s = rng.standard_normal(27).astype(np.float32)
-    reflected = driver.greedy(mirrored_observations(s))
-    assert reflected == MIRROR.action_permutation[driver.greedy(s)]
+    reflected = driver.act(ALONE, mirrored_observations(s)).number
+    assert reflected == MIRROR.action_permutation[driver.act(ALONE, s).number]
 
 
 def test_the_settings_of_the_training_say_whether_it_decides_in_a_mirror() -> None:

@@ -18,6 +18,7 @@ from drl_av.config.presets import PRESETS
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.masked_policy import INPUTS, MaskedPolicyDriver, load_actor
 from drl_av.drivers.network import forward
+from drl_av.drivers.policy_file import load, save
 from drl_av.drivers.registry import load_driver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
@@ -25,7 +26,7 @@ from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError, ConfigError, RunError
-from drl_av.learning.large_scale import train_at_scale
+from drl_av.learning.large_scale import TwinWorlds, learner_of, train_at_scale
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, permit_all
 
 SMALL = (
@@ -97,6 +98,31 @@ def test_a_training_writes_the_same_bytes_again(run: Path, tmp_path: Path) -> No
     weights, _ = load_actor(run / "policy.safetensors")
     others, _ = load_actor(tmp_path / "other" / "policy.safetensors")
     assert not np.array_equal(weights[0][0], others[0][0])
+
+
+def test_the_reward_in_the_table_is_what_the_worlds_paid(tmp_path: Path) -> None:
+    # the value that PPO adds where the time of an episode is up is no reward
+    short = SMALL.updated("simulation", decisions_per_episode=4)
+    scale, one = 10.0 * (1.0 - short.ppo.discount), TwinWorlds(short, 0)
+    one.step_async(np.zeros(one.num_envs, np.int64))
+    rewards = one.step_wait()[1]
+    assert one.paid == pytest.approx(rewards.sum() / scale, rel=1e-5)
+    worlds = TwinWorlds(short, 0)
+    learner = learner_of(short, worlds)
+    learner.learn(short.ppo.batch_size)
+    assert worlds.paid != pytest.approx(learner.rollout_buffer.rewards.sum() / scale, rel=1e-3)
+    progress, *_ = train_at_scale(tmp_path / "run", short)
+    assert progress.mean_reward == pytest.approx(worlds.paid / short.ppo.batch_size)
+
+
+def test_a_policy_with_settings_that_are_gone_is_refused_with_the_remedy(
+    run: Path, tmp_path: Path
+) -> None:
+    tensors, metadata = load(run / "policy.safetensors")
+    metadata["config"] = metadata["config"].replace("[learning]\n", "[learning]\nnetworks = 1\n")
+    save(tmp_path / "policy.safetensors", tensors, metadata)
+    with pytest.raises(CheckpointError, match=r"with other settings .* no key 'networks'"):
+        load_actor(tmp_path / "policy.safetensors")
 
 
 def test_a_program_trains_at_scale_too_and_is_told_what_belongs_to_algorithm_1(

@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
-from worlds import ROAD, scene
+from worlds import ALONE, ROAD
 
 from drl_av.cli import main
 from drl_av.config import Config, from_toml
@@ -20,7 +20,6 @@ from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.observation_scale import ObservationScale
-from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import DrlAvError
@@ -47,16 +46,12 @@ def test_it_decides_as_the_driver_on_10_000_observations(exported: Path, run: Pa
     rng = np.random.default_rng(0)
     s = rng.uniform(-1.2, 1.2, (10_000, len(INDICATORS))) * scale.bounds  # some are clipped
     indicators = s * scale.scale + scale.offset
-    changing = rng.random(10_000) < 0.5
     session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
-    actions, q = session.run(None, {"indicators": indicators, "lane_change": changing})
-    alone = scene()
-    busy = alone._replace(lane_change=LaneChange(1, 2))
+    actions, q = session.run(None, {"indicators": indicators})
     for row in range(10_000):
         observation = scale(indicators[row])
         assert q[row] == pytest.approx(driver.values(observation), abs=1e-4)
-        wanted = driver.act(busy if changing[row] else alone, observation)
-        assert ACTIONS[actions[row]] == wanted, row
+        assert ACTIONS[actions[row]] == driver.act(ALONE, observation), row
 
 
 def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: Path) -> None:
@@ -71,13 +66,11 @@ def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: 
     }
     assert shown == {
         "indicators": (kinds.DOUBLE, ["rows", 27]),
-        "lane_change": (kinds.BOOL, ["rows"]),
         "action": (kinds.INT64, ["rows"]),
         "q": (kinds.FLOAT, ["rows", 12]),
     }
     meanings = {port.name: port.doc_string for port in (*graph.input, *graph.output)}
     assert "in SI units, unscaled" in meanings["indicators"]
-    assert "lane change of the ego is in progress" in meanings["lane_change"]
     assert "no safety check" in graph.doc_string
     session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
     held = session.get_modelmeta().custom_metadata_map

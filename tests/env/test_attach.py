@@ -6,14 +6,19 @@ from pathlib import Path
 from types import ModuleType
 
 import libsumo
+import numpy as np
 import pytest
+from worlds import ROAD
 
 import drl_av
+from drl_av.config import Config
+from drl_av.drivers.masked_policy import INPUTS, MaskedPolicyDriver
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import WIDE_NAMES
 from drl_av.env.attach import AttachedEgo
 from drl_av.errors import ConfigError, SimulationError
-from drl_av.safety.check import Rule, Verdict
+from drl_av.safety.check import Rule, Verdict, permit_all
 from drl_av.sumo_programs import program
 
 NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="600" y="0"/>
@@ -66,6 +71,9 @@ def car(name: str, lane: int, at_m: float, speed: float = 20, route: str = "on")
         f'<vehicle id="{name}" type="car" route="{route}" depart="0" departLane="{lane}" '
         f'departPos="{at_m}" departSpeed="{speed}"/>'
     )
+
+
+MAINTAIN, MAINTAIN_RIGHT = 0, 4
 
 
 class Keeps:
@@ -173,6 +181,17 @@ def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(
     ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
     ego.step()
     assert not scene_of(ego).affordances.has_lane(-1)
+
+
+def test_a_driver_of_ppo_sees_the_road_of_the_simulation(net: Path, sumo: ModuleType) -> None:
+    begin(net, car("ego", 2, 100, route="off"))  # two lanes to the left of its exit
+    weight, bias = np.zeros((12, INPUTS), np.float32), np.zeros(12, np.float32)
+    weight[MAINTAIN_RIGHT, WIDE_NAMES.index("ego_way_changes")] = -1.0
+    bias[MAINTAIN] = 0.1
+    trained_on_a_loop = MaskedPolicyDriver([(weight, bias)], permit_all, ROAD, Config())
+    decision = drl_av.attach(sumo, "ego", trained_on_a_loop).step()
+    assert decision is not None
+    assert decision["proposed_action"] == MAINTAIN_RIGHT
 
 
 def check_without_a_rule(scene: Scene, proposed: Action) -> Verdict:

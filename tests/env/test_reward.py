@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from reward_terms import Desired, desired, rewards
 from worlds import (
     ALONE,
     BARRICADED_ROAD,
@@ -28,12 +29,9 @@ from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.scene import Scene
 from drl_av.env.reward import (
-    Desired,
-    desired,
     gap_reward,
     lane_speed,
     lateral_reward,
-    rewards,
     safe_gap,
     speed_reward,
     tolerated_speed,

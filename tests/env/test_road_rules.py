@@ -14,13 +14,13 @@ from drives import KEEP, LEFT
 from hypothesis import given
 from hypothesis import strategies as st
 from nets import Part, along, chain, converted
+from reward_terms import desired
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.maneuver import plan
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.reward import desired
 from drl_av.env.rollout import rollout
 from drl_av.errors import DrlAvWarning, ScenarioError
 from drl_av.road.compiled_road import allowed_speed_in, may_cross, road_numbers

@@ -239,7 +239,10 @@ def test_a_folder_that_is_no_run_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    assert "is not a run, it has no evaluations.csv: name the folder" in error_message(capsys)
+    assert (
+        "is not a run, it has neither evaluations.csv nor updates.csv: name the folder"
+        in error_message(capsys)
+    )
     (tmp_path / "updates.csv").write_text("decisions,mean_reward,collisions\n")
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     assert "has no update yet: train it for longer" in error_message(capsys)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from worlds import ALONE
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -55,8 +56,8 @@ def test_it_decides_alike_on_both_sides(run: Path) -> None:
     mirror = mirror_of(observed_indicators(config.observation))
     assert mirror.observation_sign[-3:].tolist() == [1, -1, 1]
     for s in np.random.default_rng(1).standard_normal((50, 30)).astype(np.float32):
-        reflected = driver.greedy(mirrored_observations(s, mirror))
-        assert reflected == mirror.action_permutation[driver.greedy(s)]
+        reflected = driver.act(ALONE, mirrored_observations(s, mirror)).number
+        assert reflected == mirror.action_permutation[driver.act(ALONE, s).number]
 
 
 def test_it_drives_on_its_own_road_and_refuses_other_observations(

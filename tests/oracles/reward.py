@@ -2,9 +2,11 @@
 
 import math
 
+from reward_terms import Desired
+
 from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances
-from drl_av.env.reward import Desired, Rewards
+from drl_av.env.reward import Rewards
 from drl_av.road.road import LANE_CHANGE_DUE_M, MandatoryChange
 from oracles.paper import lane_is_clear
 

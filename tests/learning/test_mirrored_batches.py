@@ -1,4 +1,4 @@
-"""More experience from a decision: in the mirror."""
+"""Half of a minibatch is seen in the mirror."""
 
 import numpy as np
 import pytest

@@ -1,0 +1,32 @@
+"""The reward of a scene, by the functions that the environment compiles."""
+
+import math
+from typing import NamedTuple
+
+from drl_av.compiled import numbers
+from drl_av.config import RewardConfig, SafetyConfig
+from drl_av.driving.affordances import Affordances
+from drl_av.env.reward import Rewards, desired_values, reward_numbers, terms
+from drl_av.safety.paper import SafetyNumbers
+
+
+class Desired(NamedTuple):
+    """v_des, m/s, and y_des, metres."""
+
+    speed_m_s: float
+    lateral_m: float
+
+
+def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
+    values, codes, *_ = affordances.arrays()
+    given = reward_numbers(config), numbers(SafetyNumbers, safety)
+    return Desired(*desired_values(values, codes, affordances.lane_width_m, *given))
+
+
+def rewards(
+    affordances: Affordances, target: Desired, config: RewardConfig, minimum_gap_m: float
+) -> Rewards:
+    front = affordances.own_front
+    gap_m = math.inf if front is None else front.gap_m
+    state = affordances.ego_speed_m_s, affordances.ego_y_m, gap_m
+    return Rewards(*terms(*state, *target, config, minimum_gap_m))
