@@ -7,7 +7,7 @@ from decisions import decided
 
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env.transition import Transition
-from drl_av.learning.experience import store
+from drl_av.learning.algorithm_1 import store
 from drl_av.learning.replay import TwoBuffers
 from drl_av.safety.check import Rule
 

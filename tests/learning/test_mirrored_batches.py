@@ -6,7 +6,7 @@ import pytest
 from drl_av.config import Config
 from drl_av.driving.mirror import Mirror
 from drl_av.errors import ConfigError
-from drl_av.learning.experience import mirror_half, require_symmetry
+from drl_av.learning.algorithm_1 import mirror_half, require_symmetry
 from drl_av.learning.replay import TwoBuffers
 from drl_av.road.road import Road
 

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from drl_av.config import LearningConfig
 from drl_av.driving.mirror import MIRROR
 from drl_av.errors import CheckpointError
-from drl_av.learning.algorithm_1 import make_buffer
-from drl_av.learning.experience import mirror_half
+from drl_av.learning.algorithm_1 import make_buffer, mirror_half
 from drl_av.learning.prioritized import PrioritizedBuffer, SumTree, importance_weights
 
 
