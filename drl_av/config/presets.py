@@ -38,11 +38,16 @@ def _with_ramps(name: str, scenario: str) -> Config:
 
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     PRESETS[f"paper-{_scenario}"] = _with_ramps("paper", _scenario)
-for _scenario, _cost in (("merge", 0.5), ("exit", 20.0), ("ramp_to_ramp", 5.0)):
+_LARGE: dict[str, dict[str, Any]] = {
+    "merge": {"decisions": 3_000_000},
+    "exit": {"decisions": 3_000_000, "forced_brake_cost": 20.0},
+    "ramp_to_ramp": {"decisions": 4_000_000, "forced_brake_cost": 1.0, "discount": 0.995},
+}
+for _scenario, _own in _LARGE.items():
     PRESETS[f"large-{_scenario}"] = (
         _with_ramps("large", _scenario)
         .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
-        .updated("ppo", decisions=3_000_000, collision_cost=100.0, forced_brake_cost=_cost)
+        .updated("ppo", collision_cost=100.0, **_own)
     )
 
 

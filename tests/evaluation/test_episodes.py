@@ -66,8 +66,8 @@ def test_two_episodes_need_one_environment_one_policy_one_scenario_and_two_reset
         (Simulation, "reset"),
     ):
         counted(monkeypatch, owner, name, done)
-    words = ["evaluate", "pretrained-ramp_to_ramp", "idm", "--vehicles", "5", "--episodes", "1"]
-    assert cli.main(words) == 0  # its driver asks the check of the scenario
+    words = ["evaluate", "pretrained-paper", "idm", "--vehicles", "5", "--episodes", "1"]
+    assert cli.main(words) == 0
     assert done == {"__init__": 1, "load_scenario": 1, "load_policy": 1, "reset": 2}
 
 
