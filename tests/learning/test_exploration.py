@@ -3,6 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drl_av.driving.actions import ACTIONS
 from drl_av.learning.algorithm_1 import ExploringDriver, linear_epsilon
 
 UNSEEN: Any = None  # the scene, which exploration does not read
@@ -22,11 +23,8 @@ class Chooser:
         pass
 
     def act(self, scene: Any, observation: Any) -> Any:
-        raise AssertionError("exploration asks for the greedy action, not for act")
-
-    def greedy(self, s_t: Any) -> int:
         assert self.number is not None, "the greedy action was asked for"
-        return self.number
+        return ACTIONS[self.number]
 
 
 def taken(epsilon: float, driver: Chooser, decisions: int) -> list[int]:
