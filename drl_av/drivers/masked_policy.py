@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, from_toml
+from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Layers, forward
-from drl_av.drivers.policy_file import load
+from drl_av.drivers.policy_file import config_of, load
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE, observe_wide
-from drl_av.errors import CheckpointError, ConfigError, DrlAvWarning, RunError
+from drl_av.errors import CheckpointError, DrlAvWarning, RunError
 from drl_av.road.road import Road
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
@@ -118,12 +118,7 @@ def load_actor(path: Path) -> tuple[Layers, Config]:
             weights do not fit its config or are not finite numbers.
     """
     tensors, metadata = load(path)
-    try:
-        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
-    except ConfigError as error:
-        raise CheckpointError(
-            f"{path} was written with other settings than this version knows: {error}"
-        ) from error
+    config = config_of(path, metadata)
     sizes = INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)
     shapes: dict[str, tuple[int, ...]] = {}
     for number, (inputs, outputs) in enumerate(pairwise(sizes)):

@@ -142,6 +142,20 @@ def _memory_bytes() -> int:
         return 16 * 2**30
 
 
+def config_of(path: Path, metadata: dict[str, Any]) -> Config:
+    """Return the config in the metadata of a policy file.
+
+    Raises:
+        CheckpointError: it holds other settings than this version knows.
+    """
+    try:
+        return from_toml(str(metadata.get("config")), name=f"the config in {path}")
+    except ConfigError as error:
+        raise CheckpointError(
+            f"{path} was written with other settings than this version knows: {error}"
+        ) from error
+
+
 def load_policy(path: Path) -> tuple[QNetwork, Config]:
     """Read a policy file; return its network and its config.
 
@@ -160,12 +174,7 @@ def load_policy(path: Path) -> tuple[QNetwork, Config]:
         raise CheckpointError(
             f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
         )
-    try:
-        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
-    except ConfigError as error:
-        raise CheckpointError(
-            f"{path} was written with other settings than this version knows: {error}"
-        ) from error
+    config = config_of(path, metadata)
     hidden = (config.learning.hidden_units,) * 2
     sizes = (len(observed_indicators(config.observation)), *hidden, len(ACTIONS))
     expected: Shapes = {}

@@ -1,7 +1,6 @@
 """The safety checks: creation of the check that a config names, and the action mask."""
 
 from collections.abc import Callable
-from operator import eq
 
 import numpy as np
 import numpy.typing as npt
@@ -76,8 +75,8 @@ def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     """
     if isinstance(check, WholeCheck):
         return mask_of(check.verdicts(scene))
-    executed = (apply_check(check, scene, action).action for action in ACTIONS)
-    return np.array([*map(eq, executed, ACTIONS)], np.int8)
+    permitted = [apply_check(check, scene, action).action == action for action in ACTIONS]
+    return np.array(permitted, np.int8)
 
 
 def mask_of(verdicts: Verdicts) -> ActionMask:
