@@ -73,7 +73,7 @@ def _scene(at: Command, running: LaneChange | None, road: Road) -> Scene:
         length_m=np.array([loop.vehicle_length_m]),
         width_m=np.array([loop.vehicle_width_m]),
     )
-    return Scene(alone, compute_affordances(alone, road, road.lap_m), running)
+    return Scene(alone, compute_affordances(alone, road, road.lap_m), running, road)
 
 
 def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:

@@ -94,7 +94,7 @@ def scene(rng: np.random.Generator, road: Road, range_m: float) -> Scene:
     if rng.random() < 0.5:
         lanes = (right, right + 1) if rng.random() < 0.5 else (right + 1, right)
         change = LaneChange(*lanes)
-    return Scene(shot, compute_affordances(shot, road, range_m), change)
+    return Scene(shot, compute_affordances(shot, road, range_m), change, road)
 
 
 def test_the_scenes_are_of_all_kinds() -> None:

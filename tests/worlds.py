@@ -104,7 +104,7 @@ def scene(
 ) -> Scene:
     """A ``snapshot``, what the ego sees of it, and the lane change it is in."""
     shot = snapshot(*others, road=road, **ego)
-    return Scene(shot, compute_affordances(shot, road, range_m), lane_change)
+    return Scene(shot, compute_affordances(shot, road, range_m), lane_change, road)
 
 
 def changing(*others: Car, origin: int, target: int, seconds: int, road: Road = ROAD) -> Scene:

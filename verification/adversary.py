@@ -94,7 +94,7 @@ class World:
         origin, target = int(self.origin[row]), int(self.target[row])
         heading_rad = float(self.heading_rad[row])
         change = None if target == NONE else LaneChange(origin, target, heading_rad)
-        return Scene(shot, compute_affordances(shot, self.road, 250.0), change)
+        return Scene(shot, compute_affordances(shot, self.road, 250.0), change, self.road)
 
 
 class Orders(NamedTuple):

@@ -15,7 +15,6 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE, observe_wide
 from drl_av.errors import CheckpointError, DrlAvWarning, RunError
-from drl_av.road.road import Road
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
@@ -32,19 +31,13 @@ class MaskedPolicyDriver(Driver):
     Args:
         layers: The (weight, bias) of each layer of the actor, whose outputs are logits.
         check: The safety check under which it drives; it proposes only what the check permits.
-        road: The road on which it drives.
         config: The settings of the environment.
     """
 
-    def __init__(self, layers: Layers, check: SafetyCheck, road: Road, config: Config) -> None:
-        self._layers = layers
-        self.drive_on(road, check)
+    def __init__(self, layers: Layers, check: SafetyCheck, config: Config) -> None:
+        self._layers, self._check = layers, check
         self._range_m = config.observation.range_m
         self._max_speed_m_s = config.ego.max_speed_m_s
-
-    def drive_on(self, road: Road, check: SafetyCheck) -> None:
-        """Drive on another road, or under another check, from now on."""
-        self._road, self._check = road, check
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the permitted action with the largest logit; of all actions if none is permitted.
@@ -64,7 +57,7 @@ class MaskedPolicyDriver(Driver):
         """Return the logits of the 12 actions, -inf for those that the check does not permit."""
         permitted = action_mask(self._check, scene)
         wide = observe_wide(
-            scene.snapshot, self._road, self._range_m, self._max_speed_m_s, scene.lanes
+            scene.snapshot, scene.road, self._range_m, self._max_speed_m_s, scene.lanes
         )
         logits = forward(self._layers, np.concatenate((wide, permitted), dtype=np.float32))[1]
         if permitted.any():
@@ -107,7 +100,7 @@ def actor_driver(
             DrlAvWarning,
             stacklevel=2,
         )
-    return MaskedPolicyDriver(layers, check, road, config)
+    return MaskedPolicyDriver(layers, check, config)
 
 
 def load_actor(path: Path) -> tuple[Layers, Config]:

@@ -45,13 +45,16 @@ class Scene:
     forms, by name and as arrays; each is computed from the other when it is needed first.
     """
 
-    __slots__ = ("_affordances", "_indicators", "_road", "lane_change", "snapshot")
-    _road: Road
+    __slots__ = ("_affordances", "_indicators", "lane_change", "road", "snapshot")
 
     def __init__(
-        self, snapshot: Snapshot, affordances: Affordances, lane_change: LaneChange | None
+        self,
+        snapshot: Snapshot,
+        affordances: Affordances,
+        lane_change: LaneChange | None,
+        road: Road,
     ) -> None:
-        self.snapshot, self.lane_change = snapshot, lane_change
+        self.snapshot, self.lane_change, self.road = snapshot, lane_change, road
         self._affordances: Affordances | None = affordances
         self._indicators: Indicators | None = None
 
@@ -61,8 +64,8 @@ class Scene:
     ) -> "Scene":
         """Return the scene on ``road`` whose indicators are known as arrays."""
         scene = cls.__new__(cls)
-        scene.snapshot, scene.lane_change = snapshot, lane_change
-        scene._affordances, scene._indicators, scene._road = None, indicators, road
+        scene.snapshot, scene.lane_change, scene.road = snapshot, lane_change, road
+        scene._affordances, scene._indicators = None, indicators
         return scene
 
     @classmethod
@@ -123,14 +126,14 @@ class Scene:
         ids = "ego", *map(str, range(1, len(arrays[0])))
         shot = Snapshot(0.0, ids, *arrays)
         seen = compute_affordances(shot, road, ObservationConfig().range_m)
-        return cls(shot, seen, lane_change)
+        return cls(shot, seen, lane_change, road)
 
     @property
     def affordances(self) -> Affordances:
         """The indicators by name."""
         if self._affordances is None:
             assert self._indicators is not None
-            self._affordances = affordances_of(self._indicators, self._road)
+            self._affordances = affordances_of(self._indicators, self.road)
         return self._affordances
 
     @property
@@ -148,16 +151,17 @@ class Scene:
         return (0, 0) if change is None else (change.origin, change.target)
 
     def _replace(self, **changes: Any) -> "Scene":
-        """Return this scene with other values of some of its three fields."""
+        """Return this scene with other values of some of its four fields."""
         given = {
             "snapshot": self.snapshot,
             "affordances": self.affordances,
             "lane_change": self.lane_change,
+            "road": self.road,
         }
         return Scene(**(given | changes))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Scene, (self.snapshot, self.affordances, self.lane_change)
+        return Scene, (self.snapshot, self.affordances, self.lane_change, self.road)
 
 
 STILL_M = 1e-6

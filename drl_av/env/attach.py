@@ -1,14 +1,14 @@
 """A driver and a safety check for one vehicle of the user's own SUMO simulation (ours)."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.masked_policy import MaskedPolicyDriver
-from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
+from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.maneuver import plan
@@ -65,7 +65,7 @@ def attach(
             f"SUMO's step length is {step_s:g} s, but must divide one second, the time between two "
             "decisions: start it with --step-length 0.5."
         )
-    made, settings = _driver(driver, config)
+    specs, settings = _specs(driver, config)
     settings = settings.updated(
         "simulation", step_length_s=step_s, lateral_resolution_m=resolution_m
     )
@@ -77,13 +77,17 @@ def attach(
         check: SafetyCheck = safety_check
     else:
         check = _named_check(around, settings)
-    return AttachedEgo(around, made, check, settings)
+    if isinstance(driver, str | Path):
+        [driver] = make_drivers(specs, settings, check).values()
+    if isinstance(driver, SumoDriver):
+        raise ConfigError("SUMO drives the vehicle already: attach a driver that has actions.")
+    return AttachedEgo(around, driver, check, settings)
 
 
-def _driver(
+def _specs(
     driver: str | Path | Driver, config: Config | Mapping[str, Any] | str | Path | None
-) -> tuple[Driver, Config]:
-    """Return the driver and the config with which it drives."""
+) -> tuple[list[DriverSpec], Config]:
+    """Return what is to be loaded, if anything, and the config with which the driver drives."""
     specs = find_drivers([driver]) if isinstance(driver, str | Path) else ()
     settings = driving_config(specs, config)
     if any(spec.is_planner for spec in specs):
@@ -91,12 +95,9 @@ def _driver(
             "The planner tries its actions in the twin, which has no copy of your road: attach "
             "pretrained, or another driver."
         )
-    made = (
-        make_drivers(specs, settings)[specs[0].name] if isinstance(driver, str | Path) else driver
-    )
-    if isinstance(made, SumoDriver):
-        raise ConfigError("SUMO drives the vehicle already: attach a driver that has actions.")
-    return made, settings
+    for spec in specs:
+        settings = spec.config(settings)  # with the check of a name such as pretrained@paper
+    return [replace(spec, under=None) for spec in specs], settings
 
 
 def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
@@ -147,11 +148,9 @@ class AttachedEgo:
         """Observe, decide and check; store the commands of the SUMO steps of this second."""
         config, (shot, road) = self._config, self._around.read()
         affordances = compute_affordances(shot, road, config.observation.range_m)
-        scene = Scene(shot, affordances, self._lane_change_on(shot, road))
+        scene = Scene(shot, affordances, self._lane_change_on(shot, road), road)
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
         observation = observation_function(self._groups, scale)(scene)
-        if isinstance(self._driver, MaskedPolicyDriver):
-            self._driver.drive_on(road, self._check)
         proposed = self._driver.act(scene, observation)
         verdict = apply_check(self._check, scene, proposed)
         commands, self._lane_change = plan(scene, verdict.action, config.ego, config.simulation)

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import onnxruntime
 import pytest
-from worlds import LEFT, ROAD, ahead, behind, scene
+from worlds import LEFT, ahead, behind, scene
 
 import drl_av
 from drl_av.cli import main
@@ -52,7 +52,7 @@ def choosing(check: SafetyCheck, *order: int) -> MaskedPolicyDriver:
     bias = np.full(12, -9.0, np.float32)
     bias[[*order]] = np.arange(len(order), 0, -1)
     layers = [(np.zeros((12, INPUTS), np.float32), bias)]
-    return MaskedPolicyDriver(layers, check, ROAD, Config())
+    return MaskedPolicyDriver(layers, check, Config())
 
 
 def only(*numbers: int) -> SafetyCheck:
@@ -80,10 +80,10 @@ def test_the_network_sees_the_wide_observation_and_then_the_mask() -> None:
     weight[5, WIDE_SIZE - 12] = 1.0  # the ego's speed: (26 - 20) / 10
     weight[7, WIDE_SIZE + 2] = 0.5  # whether action 2 is permitted
     layers = [(weight, np.zeros(12, np.float32))]
-    assert MaskedPolicyDriver(layers, permit_all, ROAD, Config()).act(seen, NOTHING).number == 5
+    assert MaskedPolicyDriver(layers, permit_all, Config()).act(seen, NOTHING).number == 5
     slow = scene(ahead(30), speed_m_s=24.0)
-    assert MaskedPolicyDriver(layers, permit_all, ROAD, Config()).act(slow, NOTHING).number == 7
-    without = MaskedPolicyDriver(layers, only(5, 7), ROAD, Config())
+    assert MaskedPolicyDriver(layers, permit_all, Config()).act(slow, NOTHING).number == 7
+    without = MaskedPolicyDriver(layers, only(5, 7), Config())
     assert without.act(slow, NOTHING).number == 5
 
 

@@ -39,7 +39,7 @@ def mirrored(world: Scene) -> Scene:
     if running is not None:
         running = LaneChange(2 - running.origin, 2 - running.target)
     road = Road(ROAD.lap_m, ROAD.lane_width_m, open_lanes(world)[::-1])
-    return Scene(swapped, compute_affordances(swapped, road, 250.0), running)
+    return Scene(swapped, compute_affordances(swapped, road, 250.0), running, road)
 
 
 def open_lanes(world: Scene) -> tuple[bool, ...]:

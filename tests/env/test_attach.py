@@ -8,7 +8,6 @@ from types import ModuleType
 import libsumo
 import numpy as np
 import pytest
-from worlds import ROAD
 
 import drl_av
 from drl_av.config import Config
@@ -188,7 +187,7 @@ def test_a_driver_of_ppo_sees_the_road_of_the_simulation(net: Path, sumo: Module
     weight, bias = np.zeros((12, INPUTS), np.float32), np.zeros(12, np.float32)
     weight[MAINTAIN_RIGHT, WIDE_NAMES.index("ego_way_changes")] = -1.0
     bias[MAINTAIN] = 0.1
-    trained_on_a_loop = MaskedPolicyDriver([(weight, bias)], permit_all, ROAD, Config())
+    trained_on_a_loop = MaskedPolicyDriver([(weight, bias)], permit_all, Config())
     decision = drl_av.attach(sumo, "ego", trained_on_a_loop).step()
     assert decision is not None
     assert decision["proposed_action"] == MAINTAIN_RIGHT
