@@ -42,11 +42,13 @@ SPREAD_M_S, DOUBT = 0.1, 0.02
 """How far a good prediction of a speed a second later may be off; and the likelihood of any other
 speed, such as after a random lane change, relative to that of an exact prediction."""
 EXACT_M_S, EXPLAINED = 0.01, 0.05
-"""How exactly a guess is moved to the speed that it predicts well; and the weight of the guesses
-that have to predict it well, or none is moved."""
+"""How exactly a guess is moved to a speed; and the weight that those which predict it well must
+have together, or none is moved."""
 TOO_FEW, SPREADING, LEAST_SPREAD = 0.5, 0.1, 0.02
-"""The share of guesses below which so few weigh much that all are drawn anew; then how far they are
-spread, in their own standard deviations, and at least in those of the traffic."""
+"""The share of guesses below which so few weigh much that all are drawn anew. Then they are spread
+by ``SPREADING`` of their standard deviation, at least by ``LEAST_SPREAD`` of the traffic's."""
+NORMAL_QUARTILES = 1.349
+"""The distance of the quartiles of a normal distribution, in standard deviations."""
 PLACES = np.array([ORDER.index(model) if model in ORDER else len(ORDER) for model in DriverModel])
 """For each ``DriverModel``, its place in the order in which our own drivers decide."""
 
@@ -67,11 +69,11 @@ class Guesses(NamedTuple):
 class Beliefs:
     """Keeps ``GUESSES`` guesses of a driver's parameters for each vehicle, by its name.
 
-    They begin as draws from the settings ``traffic``. When a speed comes in, the guesses that
-    predicted it well are moved to where they predict it exactly, as far as parameters and
-    predictions go together among them (the ensemble Kalman filter, Evensen 1994, in the width of
-    one regime of driving), and weighed by how well they predicted it; when few weigh much, all are
-    drawn anew from these, and spread (the particle filter, Gordon et al. 1993).
+    They begin as draws from the settings ``traffic``. When a speed comes in, guesses that nearly
+    predicted it are moved towards where they would have, as far as parameters and predictions go
+    together among these (the ensemble Kalman filter, Evensen 1994; distant guesses may follow
+    another rule of driving and stay), and all are weighed by how well they predicted it. When few
+    weigh much, all are drawn anew from these, and spread (the particle filter, Gordon et al. 1993).
     """
 
     def __init__(self, rng: np.random.Generator, scenario: Scenario, config: Config) -> None:
@@ -80,6 +82,9 @@ class Beliefs:
         self._drawn, self._models = draw_guesses(rng, config)
         drawn = self._drawn.desired_speed_m_s, self._drawn.headway_s, self._drawn.acceleration_m_s2
         self._logs = np.log(np.stack(drawn, axis=1))
+        self._bounds = self._logs.min(axis=0), self._logs.max(axis=0)
+        low, high = np.quantile(self._logs, (0.25, 0.75), axis=0)
+        self._least = LEAST_SPREAD * (high - low) / NORMAL_QUARTILES
         self._of: dict[str, Guesses] = {}
 
     def population(self, shot: Snapshot) -> Population:
@@ -90,12 +95,16 @@ class Beliefs:
         return population
 
     def see(self, shot: Snapshot) -> None:
-        """Take in the vehicles that were never seen before; a truck has the guesses of trucks."""
+        """Take in the vehicles that were never seen before.
+
+        A truck has the guesses of trucks, if any were drawn.
+        """
         for name, is_truck in zip(shot.ids, self._is_truck(shot.length_m).tolist(), strict=True):
             if name not in self._of:
                 fits = np.flatnonzero(self._drawn.is_truck == is_truck)
                 rows = np.resize(fits if len(fits) else np.arange(GUESSES), GUESSES)
-                self._of[name] = Guesses(np.full(GUESSES, 1 / GUESSES), self._logs[rows], rows)
+                logs, weights = self._spread(self._logs[rows]), np.full(GUESSES, 1 / GUESSES)
+                self._of[name] = Guesses(weights, logs, rows)
 
     def learn(self, name: str, predicted_m_s: FloatArray, speed_m_s: float) -> None:
         """Move and weigh the guesses by what they predicted, shape (GUESSES,), and what came."""
@@ -108,18 +117,19 @@ class Beliefs:
             variance = near @ from_mean**2 + EXACT_M_S**2
             slope = (near * from_mean) @ (logs - near @ logs) / variance
             wanted = self._rng.normal(-error, EXACT_M_S) * likely
-            logs = logs + wanted[:, np.newaxis] * slope
-            logs = np.clip(logs, self._logs.min(axis=0), self._logs.max(axis=0))
+            logs = np.clip(logs + wanted[:, np.newaxis] * slope, *self._bounds)
         weights = weights * (likely + DOUBT)
         weights /= weights.sum()
         if 1 / (weights @ weights) < TOO_FEW * GUESSES:
             places = (self._rng.random() + np.arange(GUESSES)) / GUESSES
             kept = np.minimum(weights.cumsum().searchsorted(places), GUESSES - 1)
             logs, rows, weights = logs[kept], rows[kept], np.full(GUESSES, 1 / GUESSES)
-            least = LEAST_SPREAD * self._logs.std(axis=0)
-            spread = np.maximum(SPREADING * logs.std(axis=0), least)
-            logs = self._rng.normal(logs, spread)
+            logs = self._spread(logs, SPREADING * logs.std(axis=0))
         self._of[name] = Guesses(weights, logs, rows)
+
+    def _spread(self, logs: FloatArray, by: FloatArray | float = 0.0) -> FloatArray:
+        spread = self._rng.normal(logs, np.maximum(by, self._least))
+        return np.clip(spread, *self._bounds)
 
     def draw(self, rng: np.random.Generator, shot: Snapshot, count: int) -> IntArray:
         """Draw guesses for the other vehicles of a snapshot, shape (count, N)."""

@@ -1,8 +1,9 @@
 """The planner: it tries the likeliest actions of the shipped driver in the twin (ours).
 
 Each decision is a step of policy improvement by rollouts (Tesauro and Galperin 1996; Bertsekas,
-Tsitsiklis and Wu 1997). What the others will do is not known: each rollout draws their parameters
-from what their speeds so far made likely (``Beliefs``), and their random lane changes anew.
+Tsitsiklis and Wu 1997). What the others will do is not known: all actions are tried in the future
+that their speeds so far make likely (``Beliefs``), and the best few in random ones, for which their
+parameters and their random lane changes are drawn.
 """
 
 import numpy as np
@@ -30,16 +31,13 @@ from drl_av.road.sweep import NO_CONTACT
 from drl_av.safety import named_check
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.copying import copy_scene
-from drl_av.twin.worlds import (
-    FloatArray,
-    IntArray,
-)
+from drl_av.twin.worlds import FloatArray, IntArray
 
 TRIED, HELD = 6, (1, 3)
 """Most actions that are tried at a decision, the likeliest of the base policy; and the numbers of
-decisions, of 1 s each, for which each of them is tried."""
+decisions, of 1 s each, for which a trial holds each of them."""
 FEW, FUTURES = 2, 6
-"""How many of them, beside the base policy, are tried in random futures; and in how many."""
+"""How many actions, beside the base policy's, are tried in random futures; and in how many."""
 HORIZON = 30
 """Decisions that a trial takes; the base policy makes all but the first or the first few."""
 SURENESS = 1.0
@@ -105,7 +103,7 @@ class PlannerDriver(Driver):
             if name in speeds:
                 self._beliefs.learn(name, predicted, speeds[name])
         self._place(shot, scene)
-        best = int(self._best(shot, scene)[0])
+        best = self._best(shot, scene)
         self._predicted, self._speeds = self._predictions(shot, best), speeds
         return ACTIONS[best]
 
@@ -146,29 +144,47 @@ class PlannerDriver(Driver):
         moving = np.flatnonzero(sides[1:]) + 1
         return {row: (int(targets[row]), REQUEST_STEPS) for row in moving.tolist()}
 
-    def _best(self, shot: Snapshot, scene: Scene) -> IntArray:
-        """Return the best plan, the number of its action and how long it is held.
+    def _best(self, shot: Snapshot, scene: Scene) -> int:
+        """Return the number of the best action.
 
-        All are tried in the expected future, and the best few of them in random ones.
+        Each is tried in the expected future, and held there for as long as is better for it; then
+        the best few, and that of the base policy, in random futures.
         """
-        logits = self._base.logits(scene)
+        logits, of = self._base.logits(scene), self._beliefs
         likely = np.argsort(-logits, kind="stable")[:TRIED]
         likely = likely[np.isfinite(logits[likely])]
-        plans = np.array([(action, held) for held in HELD for action in likely.tolist()])
-        costs_m = self._costs_m(scene, plans)[:, np.newaxis]
-        if len(likely) > 1:
-            gain_m = self._ways_m(shot, plans, self._beliefs.expected(shot), None) - costs_m
-            best = np.argsort(-gain_m[:, 0], kind="stable")[:FEW]
-            few = np.concatenate(([0], best[gain_m[best, 0] > gain_m[0, 0]]))
-            plans, costs_m = plans[few], costs_m[few]
+        if len(likely) == 1:
+            return int(likely[0])
+        plans = np.array([(action, held) for action in likely.tolist() for held in HELD])
+        worth_m = self._worth_m(shot, scene, plans, of.expected(shot), None)
+        worth_m = worth_m.reshape(len(likely), len(HELD))
+        plans = plans.reshape(*worth_m.shape, 2)[np.arange(len(likely)), worth_m.argmax(axis=1)]
+        best_m = worth_m.max(axis=1)
+        best = 1 + np.argsort(-best_m[1:], kind="stable")[:FEW]
+        plans = plans[[0, *best[best_m[best] > best_m[0]]]]
         if len(plans) > 1:
-            guess, seed = self._beliefs.draw(self._rng, shot, FUTURES), self._rng.integers(2**31)
-            gain_m = self._ways_m(shot, plans, guess, int(seed)) - costs_m
+            guess, seed = of.draw(self._rng, shot, FUTURES), int(self._rng.integers(2**31))
+            gain_m = self._worth_m(shot, scene, plans, guess, seed)
             gain_m -= gain_m[0].copy()
             doubt_m = gain_m.std(axis=1) / FUTURES**0.5
             plans = plans[[(gain_m.mean(axis=1) - SURENESS * doubt_m).argmax()]]
-        best_plan: IntArray = plans[0]
-        return best_plan
+        return int(plans[0, 0])
+
+    def _worth_m(
+        self, shot: Snapshot, scene: Scene, plans: IntArray, guess: IntArray, seed: int | None
+    ) -> FloatArray:
+        """Return how far the ego comes by each plan in each future, less the price of the plan.
+
+        The price is what the training of the base policy charged for aborts and hard braking. The
+        arguments and the shape of the result are those of ``_ways_m``.
+        """
+        running, paid, (tried, held) = scene.lane_change, self._paid, plans.T
+        gives_up = np.array([aborts(running, ACTIONS[number].lateral) for number in tried])
+        brakes = held * (tried % 4 == HARD_BRAKE)
+        costs = paid.abort_cost * gives_up + paid.hard_brake_cost * brakes
+        worth_m: FloatArray = self._ways_m(shot, plans, guess, seed)
+        worth_m -= SPAN_M_S * costs[:, np.newaxis]
+        return worth_m
 
     def _ways_m(
         self, shot: Snapshot, plans: IntArray, guess: IntArray, seed: int | None
@@ -204,14 +220,6 @@ class PlannerDriver(Driver):
             actions = most_probable_actions(self._layers, trials)
             actions = np.where(until > decision + 1, begun, actions)
         return ways_m.reshape(len(plans), len(guess))
-
-    def _costs_m(self, scene: Scene, plans: IntArray) -> FloatArray:
-        """Return what the training of the base policy charged for these plans, in metres."""
-        running, paid, (tried, held) = scene.lane_change, self._paid, plans.T
-        gives_up = np.array([aborts(running, ACTIONS[number].lateral) for number in tried])
-        brakes = held * (tried % 4 == HARD_BRAKE)
-        costs = paid.abort_cost * gives_up + paid.hard_brake_cost * brakes
-        return np.asarray(costs * SPAN_M_S)
 
     def _predictions(self, shot: Snapshot, action: int) -> dict[str, FloatArray]:
         """Return what each guess predicts of each vehicle's speed a second later."""

@@ -16,6 +16,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.planner import PlannerDriver
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.twin.worlds import ACCELERATION_M_S2, DESIRED_M_S, HEADWAY_S
 
 STRICT = Config().updated("safety", check="strict")
 NOTHING = np.zeros(0, np.float32)
@@ -51,14 +52,29 @@ def test_without_a_reason_the_base_policy_decides() -> None:
     assert best(preferring(*ALONG, LEFTWARD)) == ON
 
 
-def test_only_the_six_likeliest_permitted_actions_are_tried() -> None:
-    # The left lane is free, but to go there is the seventh action that the base policy thinks of.
-    # A car beside the ego bars the three to the right, and so it is the fourth.
+def test_only_the_six_likeliest_permitted_actions_are_tried(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # To accelerate into the right lane, where a car drives 12 m/s, is not permitted, so that the
+    # sixth is to brake hard there; a car beside the ego bars all four, and the rest come by number.
     cars = ahead(80, CENTER, 12.0), ahead(60, RIGHT, 12.0)
-    to_right = (4 * TO_RIGHT + part for part in (MAINTAIN, BRAKE, HARD_BRAKE))
-    order = *ALONG, *to_right, LEFTWARD
-    assert best(preferring(*order), *cars) in ALONG
-    assert best(preferring(*order), *cars, ahead(0, RIGHT, 20.0)) == LEFTWARD
+    to_right = [4 * TO_RIGHT + part for part in range(4)]
+    planner, tried = preferring(*ALONG, *to_right, LEFTWARD), []
+
+    def ways_m(
+        shot: object, plans: npt.NDArray[np.int64], guess: object, seed: object
+    ) -> npt.NDArray[np.float64]:
+        tried.append({tuple(plan) for plan in plans.tolist()})
+        return np.zeros((len(plans), 1))
+
+    monkeypatch.setattr(planner, "_ways_m", ways_m)
+    best(planner, *cars)
+    best(planner, *cars, ahead(0, RIGHT, 20.0))
+    first = *ALONG, *(part for part in to_right if part != RIGHTWARD)
+    second = *ALONG, LEFTWARD, 4 * KEEP + HARD_BRAKE, 4 * TO_LEFT + MAINTAIN
+    assert tried == [
+        {(action, held) for action in six for held in (1, 3)} for six in (first, second)
+    ]
 
 
 def test_a_plan_holds_its_action_for_as_many_decisions() -> None:
@@ -76,13 +92,78 @@ def test_a_plan_holds_its_action_for_as_many_decisions() -> None:
     np.testing.assert_allclose(ways_m.T, [[520.6, 572.7, 670.8]] * 2, atol=0.1)
 
 
+def test_the_few_best_of_the_expected_future_race_in_random_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # In the expected future the base policy comes 10 m, and the others farther if held for 1 s or
+    # 3 s: to the left 14 m by 3 s, to the right 12 m by 1 s, and braking 11 m, the third. In six
+    # random futures the left gains 9 m and loses 1 m by turns, 4 m in the mean with a standard
+    # error of 5 / sqrt(6) = 2.04 m, and the right 2 m in each: it is the surer one.
+    planner = preferring(ON, LEFTWARD, RIGHTWARD, ALONG[2])
+    here = {(ON, 1): 10, (LEFTWARD, 3): 14, (RIGHTWARD, 1): 12, (ALONG[2], 1): 11}
+    raced = []
+
+    def ways_m(
+        shot: object, plans: npt.NDArray[np.int64], guess: object, seed: int | None
+    ) -> npt.NDArray[np.float64]:
+        found = [tuple(plan) for plan in plans.tolist()]
+        if seed is None:
+            return np.array([[here.get(plan, 5.0)] for plan in found])
+        raced.append(found)
+        return np.array([[0.0] * 6, [9.0, -1.0] * 3, [2.0] * 6])
+
+    monkeypatch.setattr(planner, "_ways_m", ways_m)
+    assert best(planner) == RIGHTWARD
+    assert raced == [[(ON, 1), (LEFTWARD, 3), (RIGHTWARD, 1)]]
+    here |= dict.fromkeys([(LEFTWARD, 3), (RIGHTWARD, 1), (ALONG[2], 1)], 9)
+    assert best(planner) == ON  # nothing is better than the base policy, and nothing races
+    assert len(raced) == 1
+
+
+def test_hard_braking_costs_what_training_charged_for_each_second_that_it_is_held() -> None:
+    planner, free = preferring(ALONG[1]), scene(speed_m_s=20.0)
+    planner.start(1)
+    planner._beliefs.see(free.snapshot)
+    planner._place(free.snapshot, free)
+    plans = np.array([(4 * KEEP + HARD_BRAKE, 1), (4 * KEEP + HARD_BRAKE, 3), (ON, 3)])
+    given = plans, np.zeros((1, 0), np.int64), None
+    price_m = planner._ways_m(free.snapshot, *given) - planner._worth_m(free.snapshot, free, *given)
+    each_m = 10.0 * STRICT.ppo.hard_brake_cost  # 10 m/s earn 1
+    np.testing.assert_allclose(price_m[:, 0], [each_m, 3 * each_m, 0.0])
+    assert each_m > 0
+
+
+def test_each_future_has_its_guess_in_all_plans() -> None:
+    # A car 40 m ahead that wants to drive 22 m/s or 30 m/s: two futures, the same for two plans.
+    planner = preferring(ON)
+    planner.start(1)
+    near = scene(ahead(40, CENTER, 22.0), speed_m_s=22.0)
+    of, shot = planner._beliefs, near.snapshot
+    of.see(shot)
+    planner._place(shot, near)
+    wanted_m_s = np.exp(of._of["vehicle1"].logs[:, 0])
+    guess = np.array([[abs(wanted_m_s - 22.0).argmin()], [abs(wanted_m_s - 30.0).argmin()]])
+    ways_m = planner._ways_m(shot, np.array([(ON, 1), (ON, 3)]), guess, None)
+    np.testing.assert_allclose(ways_m[0], ways_m[1])  # it accelerates in any case
+    assert ways_m[0, 1] > ways_m[0, 0] + 5
+
+
+def test_it_learns_from_the_speeds_that_come() -> None:
+    planner = preferring(ALONG[1])
+    planner.start(1)
+    for second, speed_m_s in enumerate((22.0, 22.2, 22.3, 22.4)):  # as IDM that wants 23 m/s
+        planner.act(scene(ahead(60 + 2 * second, LEFT, speed_m_s), speed_m_s=20.0), NOTHING)
+    [weights, logs, _] = planner._beliefs._of["vehicle1"]
+    assert weights @ np.exp(logs[:, 0]) == pytest.approx(23.0, abs=0.6)
+
+
 def beliefs(config: Config = STRICT) -> Beliefs:
     """Beliefs about the traffic of a config on the loop."""
     loop = load_scenario(find_scenario(config.simulation.scenario))
     return Beliefs(np.random.default_rng(3), loop, config)
 
 
-def believed_m_s(of: Beliefs, *, name: str = "vehicle1") -> npt.NDArray[np.float64]:
+def believed_m_s(of: Beliefs) -> npt.NDArray[np.float64]:
     """The desired speeds that 400 futures would give to a vehicle, the only one."""
     shot = snapshot(ahead(50))
     values, _ = of.values(shot, of.draw(np.random.default_rng(5), shot, 400))
@@ -127,6 +208,49 @@ def test_what_no_speed_tells_stays_as_open_as_it_was() -> None:
     after = of._of["vehicle1"]
     np.testing.assert_allclose(after.logs, before.logs, atol=1e-12)
     np.testing.assert_allclose(after.weights, before.weights)
+
+
+def test_headway_is_learned_as_the_desired_speed_is() -> None:
+    of = beliefs()
+    of.see(snapshot(ahead(50)))
+    for _ in range(3):  # who keeps 1.1 s drives 18.9 m/s: a tenth of a second more, 0.3 m/s less
+        predicted = 18.9 - 3.0 * (np.exp(of._of["vehicle1"].logs[:, 1]) - 1.1)
+        of.learn("vehicle1", predicted, 18.9)
+    weights, logs, _ = of._of["vehicle1"]
+    assert weights @ np.exp(logs[:, 1]) == pytest.approx(1.1, abs=0.02)
+
+
+def test_guesses_that_are_drawn_anew_keep_their_drivers_and_differ() -> None:
+    of = beliefs()
+    of.see(snapshot(ahead(50)))
+    before = of._of["vehicle1"]
+    predicted = np.where(np.arange(GUESSES) < 16, 20.0, 30.0)  # 16 of 128 predict it
+    of.learn("vehicle1", predicted, 20.0)
+    after = of._of["vehicle1"]
+    np.testing.assert_allclose(after.weights, 1 / GUESSES)
+    # The 16 weigh 1.02 each and the 112 others 0.02: seven eighths are drawn from the 16.
+    assert np.isin(after.rows, before.rows[:16]).sum() == pytest.approx(112.5, abs=1)
+    assert len(np.unique(after.logs[:, 0])) > 100
+
+
+def test_the_others_get_the_parameters_of_their_guesses() -> None:
+    planner, shot = preferring(ON), snapshot(ahead(50), ahead(90, LEFT))
+    planner.start(1)
+    planner._beliefs.see(shot)
+    planner._place(shot, scene(ahead(50), ahead(90, LEFT)))
+    worlds, guess = planner._twin.fork(3, include_rng=True), np.array([[0, 1], [2, 3], [4, 5]])
+    planner._beliefs.put(shot, guess, worlds)
+    given = worlds.worlds.x[:, [DESIRED_M_S, HEADWAY_S, ACCELERATION_M_S2], 1:3]
+    for place in range(2):
+        logs = planner._beliefs._of[shot.ids[1 + place]].logs[guess[:, place]]
+        np.testing.assert_allclose(given[:, :, place], np.exp(logs))
+
+
+def test_the_only_truck_that_was_drawn_is_a_guess_and_not_a_certainty() -> None:
+    few = STRICT.with_traffic("naturalistic").updated("traffic", truck_share=0.008)
+    of, truck = beliefs(few), Car(50, length_m=few.traffic.truck_length_m)
+    of.see(snapshot(truck))
+    assert len(np.unique(of._of["vehicle1"].logs[:, 0])) > 100
 
 
 def test_each_vehicle_has_a_belief_of_its_own() -> None:
