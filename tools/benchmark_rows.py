@@ -116,7 +116,7 @@ def planner_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         env = stack.enter_context(closing(made(config)))
         drivers = make_drivers(find_drivers(["planner", "pretrained"]), config).values()
         ours, beside = (partial(decide_only, env, driver, seeds[:1]) for driver in drivers)
-        rows.append(Row(f"planner {name} | pretrained", ours, beside, least_ours=50.0))
+        rows.append(Row(f"planner {name} | pretrained", ours, beside))
     return rows
 
 

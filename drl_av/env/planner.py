@@ -36,11 +36,11 @@ from drl_av.twin.worlds import FloatArray, IntArray
 TRIED, HELD = 6, (1, 3)
 """Most actions that are tried at a decision, the likeliest of the base policy; and the numbers of
 decisions, of 1 s each, for which a trial holds each of them."""
-FEW, FUTURES = 2, 6
+FEW, FUTURES = 3, 6
 """How many actions, beside the base policy's, are tried in random futures; and in how many."""
 HORIZON = 30
 """Decisions that a trial takes; the base policy makes all but the first or the first few."""
-SURENESS = 1.0
+SURENESS = 0.5
 """Standard errors by which an action has to be better than that of the base policy."""
 DISCOUNT, HIT_COST_M = 0.99, 50.0
 """What a metre is worth a second later, and what a collision costs."""
