@@ -150,6 +150,18 @@ def test_each_future_has_its_guess_in_all_plans() -> None:
     assert ways_m[0, 1] > ways_m[0, 0] + 5
 
 
+def test_a_collision_ends_the_way_and_costs_50_m() -> None:
+    # Without a check it accelerates from 20 to 22 and 24 m/s towards a car that starts 30 m ahead,
+    # and hits it in the second decision: 22 + 0.99 x (about 24 - 50) m, and then nothing.
+    planner = preferring(ON, config=Config().updated("safety", check="permit_all"))
+    planner.start(1)
+    near = scene(ahead(30, CENTER, 0.0), speed_m_s=20.0)
+    planner._beliefs.see(near.snapshot)
+    planner._place(near.snapshot, near)
+    [[way_m]] = planner._ways_m(near.snapshot, np.array([(ON, 1)]), np.zeros((1, 1), int), None)
+    assert way_m == pytest.approx(22.0 + 0.99 * (23.5 - 50.0), abs=1.0)
+
+
 def test_it_learns_from_the_speeds_that_come() -> None:
     planner = preferring(ALONG[1])
     planner.start(1)
@@ -233,6 +245,17 @@ def test_guesses_that_are_drawn_anew_keep_their_drivers_and_differ() -> None:
     # The 16 weigh 1.02 each and the 112 others 0.02: seven eighths are drawn from the 16.
     assert np.isin(after.rows, before.rows[:16]).sum() == pytest.approx(112.5, abs=1)
     assert len(np.unique(after.logs[:, 0])) > 100
+
+
+def test_the_expected_driver_wants_the_median_speed() -> None:
+    of, shot = beliefs(), snapshot(ahead(50))
+    of.see(shot)
+    for _ in range(2):
+        weights, logs, _ = of._of["vehicle1"]
+        [[expected]] = of.expected(shot)
+        slower = weights[logs[:, 0] < logs[expected, 0]].sum()
+        assert slower < 0.5 <= slower + weights[expected] + 1e-9
+        of.learn("vehicle1", predicted_m_s(of), 21.5)  # unequal weights
 
 
 def test_the_others_get_the_parameters_of_their_guesses() -> None:
