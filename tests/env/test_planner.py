@@ -11,10 +11,12 @@ from drl_av.drivers.registry import driving_config, find_drivers, load_driver, m
 from drl_av.driving.actions import ACCELERATE, BRAKE, HARD_BRAKE, KEEP, MAINTAIN
 from drl_av.driving.actions import LEFT as TO_LEFT
 from drl_av.driving.actions import RIGHT as TO_RIGHT
+from drl_av.driving.scene import Scene
 from drl_av.env.beliefs import GUESSES, Beliefs
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.planner import PlannerDriver
 from drl_av.errors import ConfigError, DrlAvWarning
+from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.twin.worlds import ACCELERATION_M_S2, DESIRED_M_S, HEADWAY_S
 
@@ -35,6 +37,14 @@ def best(planner: PlannerDriver, *others: Car, speed_m_s: float = 20.0) -> int:
     """The number of the action that it proposes to an ego in the middle lane."""
     planner.start(1)
     return planner.act(scene(*others, speed_m_s=speed_m_s), NOTHING).number
+
+
+def placed(planner: PlannerDriver, world: Scene) -> Snapshot:
+    """Copy a scene into the twin of a planner, whose beliefs begin with it; return its snapshot."""
+    planner.start(1)
+    planner._beliefs.see(world.snapshot)
+    planner._place(world.snapshot, world)
+    return world.snapshot
 
 
 @pytest.mark.parametrize(("free", "wanted"), [(LEFT, LEFTWARD), (RIGHT, RIGHTWARD)])
@@ -82,12 +92,10 @@ def test_a_plan_holds_its_action_for_as_many_decisions() -> None:
     # all 30; three make it 22, 24 and then 26 m/s. A metre is worth 0.99 a second later, and
     # (1 - 0.99^30) / 0.01 = 26.03 seconds count: 20 x 26.03 = 520.6, 22 x 26.03 = 572.7, and
     # 22 + 24 x 0.99 + 26 x (26.03 - 1.99) = 670.8.
-    planner, free = preferring(ALONG[1], ON), scene(speed_m_s=20.0)
-    planner.start(1)
-    planner._beliefs.see(free.snapshot)
-    planner._place(free.snapshot, free)
+    planner = preferring(ALONG[1], ON)
+    shot = placed(planner, scene(speed_m_s=20.0))
     plans = np.array([(ALONG[1], 1), (ON, 1), (ON, 3)])
-    ways_m = planner._ways_m(free.snapshot, plans, np.zeros((2, 0), np.int64), 5)
+    ways_m = planner._ways_m(shot, plans, np.zeros((2, 0), np.int64), 5)
     assert ways_m.shape == (3, 2)
     np.testing.assert_allclose(ways_m.T, [[520.6, 572.7, 670.8]] * 2, atol=0.1)
 
@@ -124,12 +132,10 @@ def test_the_few_best_of_the_expected_future_race_in_random_ones(
 
 def test_hard_braking_costs_what_training_charged_for_each_second_that_it_is_held() -> None:
     planner, free = preferring(ALONG[1]), scene(speed_m_s=20.0)
-    planner.start(1)
-    planner._beliefs.see(free.snapshot)
-    planner._place(free.snapshot, free)
+    shot = placed(planner, free)
     plans = np.array([(4 * KEEP + HARD_BRAKE, 1), (4 * KEEP + HARD_BRAKE, 3), (ON, 3)])
     given = plans, np.zeros((1, 0), np.int64), None
-    price_m = planner._ways_m(free.snapshot, *given) - planner._worth_m(free.snapshot, free, *given)
+    price_m = planner._ways_m(shot, *given) - planner._worth_m(shot, free, *given)
     each_m = 10.0 * STRICT.ppo.hard_brake_cost  # 10 m/s earn 1
     np.testing.assert_allclose(price_m[:, 0], [each_m, 3 * each_m, 0.0])
     assert each_m > 0
@@ -138,12 +144,8 @@ def test_hard_braking_costs_what_training_charged_for_each_second_that_it_is_hel
 def test_each_future_has_its_guess_in_all_plans() -> None:
     # A car 40 m ahead that wants to drive 22 m/s or 30 m/s: two futures, the same for two plans.
     planner = preferring(ON)
-    planner.start(1)
-    near = scene(ahead(40, CENTER, 22.0), speed_m_s=22.0)
-    of, shot = planner._beliefs, near.snapshot
-    of.see(shot)
-    planner._place(shot, near)
-    wanted_m_s = np.exp(of._of["vehicle1"].logs[:, 0])
+    shot = placed(planner, scene(ahead(40, CENTER, 22.0), speed_m_s=22.0))
+    wanted_m_s = np.exp(planner._beliefs._of["vehicle1"].logs[:, 0])
     guess = np.array([[abs(wanted_m_s - 22.0).argmin()], [abs(wanted_m_s - 30.0).argmin()]])
     ways_m = planner._ways_m(shot, np.array([(ON, 1), (ON, 3)]), guess, None)
     np.testing.assert_allclose(ways_m[0], ways_m[1])  # it accelerates in any case
@@ -154,11 +156,8 @@ def test_a_collision_ends_the_way_and_costs_50_m() -> None:
     # Without a check it accelerates from 20 to 22 and 24 m/s towards a car that starts 30 m ahead,
     # and hits it in the second decision: 22 + 0.99 x (about 24 - 50) m, and then nothing.
     planner = preferring(ON, config=Config().updated("safety", check="permit_all"))
-    planner.start(1)
-    near = scene(ahead(30, CENTER, 0.0), speed_m_s=20.0)
-    planner._beliefs.see(near.snapshot)
-    planner._place(near.snapshot, near)
-    [[way_m]] = planner._ways_m(near.snapshot, np.array([(ON, 1)]), np.zeros((1, 1), int), None)
+    shot = placed(planner, scene(ahead(30, CENTER, 0.0), speed_m_s=20.0))
+    [[way_m]] = planner._ways_m(shot, np.array([(ON, 1)]), np.zeros((1, 1), int), None)
     assert way_m == pytest.approx(22.0 + 0.99 * (23.5 - 50.0), abs=1.0)
 
 
@@ -259,10 +258,8 @@ def test_the_expected_driver_wants_the_median_speed() -> None:
 
 
 def test_the_others_get_the_parameters_of_their_guesses() -> None:
-    planner, shot = preferring(ON), snapshot(ahead(50), ahead(90, LEFT))
-    planner.start(1)
-    planner._beliefs.see(shot)
-    planner._place(shot, scene(ahead(50), ahead(90, LEFT)))
+    planner = preferring(ON)
+    shot = placed(planner, scene(ahead(50), ahead(90, LEFT)))
     worlds, guess = planner._twin.fork(3, include_rng=True), np.array([[0, 1], [2, 3], [4, 5]])
     planner._beliefs.put(shot, guess, worlds)
     given = worlds.worlds.x[:, [DESIRED_M_S, HEADWAY_S, ACCELERATION_M_S2], 1:3]
