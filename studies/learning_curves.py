@@ -54,8 +54,8 @@ EPISODES = {
     "prioritized": (10_000, *9 * (3000,)),
     "mixed_paper": 10 * (10_000,),
     "mixed_permit_all": 10 * (10_000,),
-    "mixed_prioritized": 5 * (10_000,),
-    "mixed_uniform": 5 * (10_000,),
+    "mixed_prioritized": 10 * (10_000,),
+    "mixed_uniform": 10 * (10_000,),
     "mixed_literal": (10_000,),
 }
 """The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
