@@ -209,7 +209,7 @@ def evaluate(options: argparse.Namespace) -> int:
 
 def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
     """Open the table of an evaluation; its rows are in the order in which they are driven."""
-    from drl_av.evaluation.table import Inputs, ResultTable, checksums
+    from drl_av.evaluation.table import Inputs, ResultTable, checksums, custom_inputs
 
     ranks = [
         list(dict.fromkeys(each))
@@ -221,8 +221,9 @@ def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
         known = zip(ranks, values, strict=True)
         return tuple((rank.index(v), v) if v in rank else (len(rank), v) for rank, v in known)
 
-    custom = {name: str(part) for name, part in evaluation.custom._asdict().items() if part}
-    inputs = Inputs({"": evaluation.config}, checksums(evaluation.specs) | custom)
+    config = evaluation.config
+    besides = custom_inputs(config, evaluation.custom)
+    inputs = Inputs({"": config}, checksums(evaluation.specs), custom=besides)
     return ResultTable(path, inputs, place, beside=path.with_suffix(PROVENANCE))
 
 
@@ -231,14 +232,17 @@ def _rows(
 ) -> "Iterator[EpisodeResult]":
     """Yield the result of each episode: first those in the table, then the others, driven now."""
     from drl_av.cli.console import progress_bar
-    from drl_av.env.metrics import EpisodeResult
+    from drl_av.env.metrics import USUAL, EpisodeResult
     from drl_av.evaluation.criticality import CriticalityResult
     from drl_av.evaluation.episodes import drive_episodes
-    from drl_av.evaluation.table import report_corrupt_table, results_of
+    from drl_av.evaluation.table import report_corrupt_table, results_of, settings_mismatch
+    from drl_av.files import column_types
 
     jobs, held = evaluation.jobs, set[tuple[int, int, str]]()
     if table:
         kind = CriticalityResult if options.criticality else EpisodeResult
+        if any((row.keys() ^ column_types(kind).keys()) - USUAL.keys() for row in table.rows[:1]):
+            raise settings_mismatch(table.path, table.beside)
         with report_corrupt_table(table.path):
             results = results_of(table.rows, kind)
         wanted = {job.key for job in jobs}

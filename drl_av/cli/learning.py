@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from drl_av.cli.options import (
@@ -83,6 +84,7 @@ def train(options: argparse.Namespace) -> int:
         jobs = _seed_jobs(options)
         number = ["--seeds", ",".join(map(str, options.seeds)), "--jobs", str(options.jobs)]
         again = ["drl-av", "train", "--out", str(options.out), *number, "--resume"]
+        again += _parts(options)
         return train_seeds(jobs, options.jobs, shlex.join(again))
     if options.jobs > 1:
         raise ConfigError(f"--jobs {options.jobs} needs --seeds: one training uses one process.")
@@ -91,7 +93,7 @@ def train(options: argparse.Namespace) -> int:
         return _train_at_scale(options, config)
     custom = custom_parts(options)
     with open_training(options.out, config, custom, resume=options.resume) as opened:
-        return _run("train", *opened, options.tensorboard, "idm")
+        return _run("train", *opened, options, "idm")
 
 
 def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
@@ -105,8 +107,12 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
 
     _require_options_of_ppo(options, "resume")
     done, updates = 0, config.ppo.decisions // config.ppo.batch_size
-    with stop_request() as stop, progress_bar("training, updates", updates) as bar:
-        for progress in train_at_scale(options.out, config):
+    with (
+        stop_request() as stop,
+        progress_bar("training, updates", updates) as bar,
+        closing(train_at_scale(options.out, config)) as training,
+    ):
+        for progress in training:
             bar.advance(
                 f"reward {progress.mean_reward:.3f}, collisions {progress.collisions}",
                 progress.decisions - done,
@@ -204,7 +210,7 @@ def adapt(options: argparse.Namespace) -> int:
 
     custom, resume = custom_parts(options), options.resume
     with open_training(options.out, config, custom, resume=resume, prepare=prepare) as opened:
-        return _run("adapt", *opened, options.tensorboard, "idm" if resume else word)
+        return _run("adapt", *opened, options, "idm" if resume else word)
 
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
@@ -251,11 +257,13 @@ def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
     return stored
 
 
-def _run(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: str) -> int:
+def _run(
+    verb: str, run: "Run", training: "Training", options: argparse.Namespace, rival: str
+) -> int:
     """Train to the end or a stop, and print what to do next; return the exit status."""
-    again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume"])
+    again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume", *_parts(options)])
     try:
-        finished = _watch(verb, run, training, tensorboard)
+        finished = _watch(verb, run, training, options.tensorboard)
     except KeyboardInterrupt:
         finished = False
     except SimulationError as error:
@@ -270,6 +278,12 @@ def _run(verb: str, run: "Run", training: "Training", tensorboard: bool, rival: 
     print(f"{run.folder}: {pluralize(episodes, 'episode')}; compare it with the driver {rival}:")
     print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))
     return 0
+
+
+def _parts(options: argparse.Namespace) -> list[str]:
+    """Return the options of the command line that name the user's own parts, as words."""
+    words = custom_parts(options).words()
+    return [f"--{name.replace('_', '-')}={word}" for name, word in words.items()]
 
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:

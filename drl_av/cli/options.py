@@ -123,9 +123,9 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         "--sumo-options",
         metavar="WORDS",
         default=(),
-        help="options of SUMO itself, in quotation marks, such as '--additional-files "
-        "detectors.add.xml'; SUMO then starts again for each episode, and an output file holds the "
-        "last one (default: none)",
+        help="options of SUMO itself, after = and in quotation marks, such as "
+        "--sumo-options='--additional-files detectors.add.xml'; SUMO then starts again for each "
+        "episode, and an output file holds the last one (default: none)",
     )
     config_files(parser, whose)
 

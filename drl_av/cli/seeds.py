@@ -89,7 +89,10 @@ def train_seeds(jobs: Sequence[SeedJob], processes: int, again: str) -> int:
     """
     from drl_av.cli.console import progress_bar
     from drl_av.evaluation.engines import ENGINES
+    from drl_av.simulation.start_sumo import require_one_process
 
+    if processes > 1:
+        require_one_process(jobs[0].custom.sumo_options)
     try:
         with (
             progress_bar("training", sum(job.total for job in jobs)) as bar,

@@ -1,6 +1,7 @@
 """Imports functions of the user, such as a reward, and checks which arguments they take."""
 
-import importlib
+import hashlib
+import importlib.util
 import re
 import sys
 from collections.abc import Iterator
@@ -46,6 +47,16 @@ def _working_directory_first() -> Iterator[None]:
         yield
     finally:
         sys.path.remove(folder)
+
+
+def source_digest(word: str) -> str:
+    """Return the SHA-256 of the module's file in ``module:name``; "" without such a file."""
+    module, _, _ = word.partition(":")
+    with _working_directory_first():
+        found = importlib.util.find_spec(module)
+    if found is None or not found.has_location or found.origin is None:
+        return ""
+    return hashlib.sha256(Path(found.origin).read_bytes()).hexdigest()
 
 
 def require_function(function: Any, what: str, *arguments: str) -> None:

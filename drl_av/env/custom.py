@@ -4,8 +4,11 @@ Each is an object, or its name as ``module:name``. A file of settings, a run and
 hold such a name, but only an argument imports it: opening a file never runs the code of others.
 """
 
+import shlex
+import sys
 from collections.abc import Iterable, Sequence
 from inspect import signature
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config import Config
@@ -23,6 +26,22 @@ class CustomParts(NamedTuple):
     observation: str | Iterable[str] | ObservationFunction | None = None
     sumo_options: str | Sequence[str] = ()
     """Options of SUMO beside ours, such as ``"--fcd-output fcd.xml"``."""
+
+    def words(self) -> dict[str, str]:
+        """Return those that are given, by name, in words that a later process has too."""
+        return {name: _word(part) for name, part in self._asdict().items() if part}
+
+
+def _word(part: Any) -> str:
+    if isinstance(part, str):
+        return part
+    if isinstance(part, Iterable):
+        return shlex.join(map(str, part))
+    named = part if hasattr(part, "__qualname__") else type(part)
+    module = named.__module__
+    if module == "__main__":  # the program itself, which another one imports by its file's name
+        module = Path(getattr(sys.modules["__main__"], "__file__", None) or module).stem
+    return f"{module}:{named.__qualname__}"
 
 
 def custom_check(given: str | SafetyCheck, config: Config) -> SafetyCheck:

@@ -314,9 +314,15 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         groups = copied_groups(self.observe, self._has_own_parts or self.ego_model is not None)
         if self._twin is None:
-            self._twin = TwinVectorEnv(
-                config=self.config, observation=groups, autoreset_mode="Disabled"
-            )
+            try:
+                self._twin = TwinVectorEnv(
+                    config=self.config, observation=groups, autoreset_mode="Disabled"
+                )
+            except ConfigError as error:
+                reason = str(error).partition(":")[0]
+                raise ConfigError(
+                    f"A fork drives in the twin. {reason}: fork an episode without it."
+                ) from error
         episode = TrafficSetup(self.simulation, self.traffic_drivers), self._route, self.scene
         so_far = self.decisions, self._speed_sum_m_s, self._triggers
         copy_episode(self._twin, *episode, self.seed, so_far)

@@ -82,9 +82,11 @@ class EpisodeResult:
         """Return the row's values by column; ``way`` is there if the ego has one, ``world`` if it
         is not SUMO, and ``group`` if there are groups.
         """
-        cells = asdict(self)
-        usual = {"way": "", "world": "sumo", "group": ""}
-        return {name: value for name, value in cells.items() if usual.get(name) != value}
+        return {name: value for name, value in asdict(self).items() if USUAL.get(name) != value}
+
+
+USUAL = {"way": "", "world": "sumo", "group": ""}
+"""The columns that a table lacks if they have these values."""
 
 
 class EpisodeMetrics:

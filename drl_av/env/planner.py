@@ -70,8 +70,9 @@ class PlannerDriver(Driver):
                 config=config, action_mask=False, autoreset_mode=AutoresetMode.DISABLED
             )
         except ConfigError as error:
+            reason = str(error).partition(":")[0]
             raise ConfigError(
-                f"The planner tries its actions in the twin. {error} Or name another driver."
+                f"The planner tries its actions in the twin. {reason}: name another driver."
             ) from error
         if not self._twin.road.is_loop:
             raise ConfigError(

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from drl_av.compiled import borrowing, inlined, numbers
 from drl_av.config import Config
+from drl_av.config.functions import is_factory
 from drl_av.drivers.background.traffic import TrafficNumbers, traffic_numbers
 from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
@@ -110,11 +111,13 @@ def task_of(scenario: Scenario, config: Config) -> Task:
         ConfigError: the twin cannot do what the settings ask.
     """
     road, net = scenario.road, net_of(scenario, config)
-    named_check(config, scenario.vehicle_types, road)  # refuses what it must
-    if config.safety.check not in CHECK_NUMBERS:
+    check = config.safety.check
+    if not is_factory(check):
+        named_check(config, scenario.vehicle_types, road)  # refuses what it must
+    if check not in CHECK_NUMBERS:
         raise ConfigError(
-            f"The twin has the checks {', '.join(CHECK_NUMBERS)}, but not {config.safety.check}: "
-            "name one of them, or drive in SUMO, with gymnasium.make."
+            f"The twin has the checks {', '.join(CHECK_NUMBERS)}, but not {check}: name one of "
+            'them, or drive in SUMO (simulation.world = "sumo").'
         )
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
     return Task(

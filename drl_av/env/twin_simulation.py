@@ -37,8 +37,8 @@ class TwinSimulation:
     ) -> None:
         if gui or sumo_options:
             raise ConfigError(
-                "The twin has neither sumo-gui nor options of SUMO: leave simulation.world at "
-                "sumo, or film it with the render mode rgb_array."
+                "The twin has neither sumo-gui nor options and outputs of SUMO: drive in SUMO "
+                '(simulation.world = "sumo"), or film it (replay --video, render mode rgb_array).'
             )
         self._net = net_of(scenario, config)
         self.fleet = Fleet(scenario, config)

@@ -21,6 +21,7 @@ from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.evaluation import DENSITIES, LOKY
 from drl_av.evaluation.engines import ENGINES
 from drl_av.evaluation.recording import RecordingFolder, record_episode
+from drl_av.simulation.start_sumo import require_one_process
 
 MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
@@ -132,6 +133,8 @@ def drive_episodes(
         finally:
             _close()
         return
+    if episodes:
+        require_one_process(episodes[0].custom.sumo_options)
     done: dict[int, EpisodeResult] = {}
     place = 0
     with closing(ENGINES[engine](_drive, _packed(episodes), processes)) as running:

@@ -9,12 +9,15 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from drl_av.config import Config, from_toml
+from drl_av.config.functions import is_factory, source_digest
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import DriverSpec
+from drl_av.env.custom import CustomParts
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.provenance import (
     checksum,
+    files_digest,
     provenance,
     read_provenance,
     sidecar,
@@ -32,6 +35,8 @@ from drl_av.files import (
     require_writable,
     write_table,
 )
+from drl_av.scenarios.folder import find_scenario
+from drl_av.simulation.start_sumo import option_words
 
 TYPES: Mapping[str, Any] = {
     name: PlainNumber if kind in (int, float) else kind
@@ -52,6 +57,8 @@ class Inputs(NamedTuple):
     all learned drivers, or None if all drivers are rule-based."""
     episodes: Mapping[str, int] = {}
     """Number of training episodes of the drivers."""
+    custom: Mapping[str, str] = {}
+    """What the rows rest on besides: the scenario's files, and what the user has added."""
 
     def contradicts(self, other: "Inputs") -> bool:
         """Return whether a name has another config, policy or number of episodes in ``other``.
@@ -71,19 +78,40 @@ class Inputs(NamedTuple):
             {**self.settings, **other.settings},
             {**self.policies, **other.policies},
             {**self.episodes, **other.episodes},
+            {**self.custom, **other.custom},
         )
 
 
 def checksums(specs: Iterable[DriverSpec]) -> dict[str, str]:
-    """Return the SHA-256 of the weights of each driver that this package trained, by its name.
+    """Return the SHA-256 of each driver that comes from a file, by its name.
+
+    It is that of the weights of a driver that this package trained, of any other file as it is,
+    and of the module of a user's factory.
 
     Raises RunError or CheckpointError if a learned driver cannot be read.
     """
-    return {
-        each.name: checksum(find_policy(each.run))
-        for each in specs
-        if each.run and not each.is_external
-    }
+    found = dict[str, str]()
+    for each in specs:
+        if each.run:
+            found[each.name] = (
+                files_digest(each.run) if each.is_external else checksum(find_policy(each.run))
+            )
+        elif each.own is None and is_factory(word := each.name.partition("@")[0]):
+            found[each.name] = source_digest(word)
+    return found
+
+
+def custom_inputs(config: Config, custom: CustomParts) -> dict[str, str]:
+    """Return what rows rest on besides settings and drivers, by name; "" where there is nothing.
+
+    It is the SHA-256 of the scenario's files, and each argument of the user, a function
+    ``module:name`` with the SHA-256 of its module.
+    """
+    found = {"scenario": files_digest(find_scenario(config.simulation.scenario))}
+    for name, part in custom._asdict().items():
+        word = " ".join(option_words(part)) if name == "sumo_options" else str(part or "")
+        found[name] = f"{word} {source_digest(word)}" if is_factory(word) else word
+    return found
 
 
 class ResultTable:
@@ -171,7 +199,7 @@ class ResultTable:
             write_table(self.path, rows[0], rows)
 
     def _facts(self, rows: Sequence[Row], given: Mapping[str, Any]) -> dict[str, Any]:
-        settings, policies, episodes = self._inputs
+        settings, policies, episodes, custom = self._inputs
         times = {name: round(seconds, 1) for name, seconds in self.seconds.items()}
         seeds = sorted({int(row["seed"]) for row in rows})
         facts: dict[str, Any] = {
@@ -185,6 +213,8 @@ class ResultTable:
             facts["policy_sha256"] = policies[""]
         if episodes:
             facts["episodes"] = dict(episodes)
+        if custom:
+            facts["custom"] = dict(custom)
         stored = {name: asdict(config) for name, config in settings.items()}
         facts["settings"] = stored.get("", stored)
         return provenance(next(iter(settings.values())), **facts)
@@ -196,15 +226,16 @@ def _stored(facts: dict[str, Any], beside: Path) -> Inputs:
     Damaged facts cause errors that ``report_corrupt_table`` converts to DrlAvError.
     """
     settings = facts["settings"]
-    policies = facts.get("policies_sha256", {})
+    policies, custom = facts.get("policies_sha256", {}), facts.get("custom", {})
     try:
         if "simulation" in settings:
             config = stored_config(settings, str(beside))
-            return Inputs({"": config}, policies or {"": facts.get("policy_sha256")})
+            policies = policies or {"": facts.get("policy_sha256")}
+            return Inputs({"": config}, policies, custom=custom)
         configs = {name: stored_config(each, str(beside)) for name, each in settings.items()}
     except ConfigError as error:
         raise ValueError(str(error)) from error
-    return Inputs(configs, policies, facts.get("episodes", {}))
+    return Inputs(configs, policies, facts.get("episodes", {}), custom)
 
 
 def _require_settings(rows: Sequence[Row], named: str, inputs: Inputs) -> None:

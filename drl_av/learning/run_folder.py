@@ -3,7 +3,7 @@
 import importlib.util
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -35,12 +35,12 @@ class Progress(NamedTuple):
 class Run:
     """The folder of a run: config.toml, two CSV files, and checkpoint and policy as safetensors.
 
-    Every byte in it depends only on the config and the initial state of the training, even if the
-    training was interrupted and continued.
+    Every byte in it depends only on the config, the user's own parts and the initial state of the
+    training, even if the training was interrupted and continued.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, custom: CustomParts = NOTHING_CUSTOM) -> None:
+        self.folder, self._custom = folder, custom
         self.config_file = folder / "config.toml"
         self.episodes_file = folder / "episodes.csv"
         self.evaluations_file = folder / "evaluations.csv"
@@ -68,7 +68,7 @@ class Run:
             ) from error
         with replacing(self.folder, RunError) as folder:
             folder.mkdir()
-            new = Run(folder)
+            new = Run(folder, self._custom)
             new.config_file.write_text(annotated_toml(training.config), encoding="utf-8")
             new.episodes_file.write_bytes(table_bytes(EpisodeRow))
             new.evaluations_file.write_bytes(table_bytes(EvaluationRow))
@@ -112,7 +112,8 @@ class Run:
         Raises:
             CheckpointError: the checkpoint is missing, damaged or of another config, or rows are
                 missing.
-            RunError: a table cannot be written.
+            RunError: a table cannot be written, or the training began with other parts of the
+                user's.
         """
         if not self.checkpoint_file.exists():
             raise CheckpointError(
@@ -126,6 +127,7 @@ class Run:
                 f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
                 "put back the config.toml of that training, or begin a new run."
             )
+        self._require_parts(numbers.get("custom", {}))
         tables = self.episodes_file.name, self.evaluations_file.name
         try:
             training.restore(tensors, numbers)
@@ -146,6 +148,20 @@ class Run:
             if file.stat().st_size > size:
                 with _refusals_of(file):
                     os.truncate(file, size)
+
+    def _require_parts(self, begun: Mapping[str, str]) -> None:
+        """Raise RunError unless the user's own parts are those with which the training began."""
+        now = self._custom.words()
+        for name in sorted(begun.keys() | now.keys()):
+            if begun.get(name) != now.get(name):
+                option = "--" + name.replace("_", "-")
+                raise RunError(
+                    f"{self.folder} was begun with {option} {begun[name]}: give it again, or "
+                    "begin a new run."
+                    if name in begun
+                    else f"{self.folder} was begun without {option}: leave it out, or begin a new "
+                    "run."
+                )
 
     def _require_rows(self, file: Path, size: int, episodes: int) -> None:
         """Raise CheckpointError unless the first ``size`` bytes of a table are whole rows."""
@@ -184,6 +200,8 @@ class Run:
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
         numbers |= {"kind": "training", "config": training.config.to_toml(), "sizes": sizes}
+        if words := self._custom.words():
+            numbers["custom"] = words
         save(self.checkpoint_file, tensors, numbers)
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
@@ -230,7 +248,7 @@ def open_training(
         RunError: the folder is not new, cannot be made, or another process trains in it.
         CheckpointError: the checkpoint is damaged or of other settings, or cannot be written.
     """
-    run, usual = Run(folder), asdict(PpoConfig())
+    run, usual = Run(folder, custom), asdict(PpoConfig())
     if others := [name for name, value in asdict(config.ppo).items() if value != usual[name]]:
         raise ConfigError(
             f"ppo.{others[0]} belongs to PPO at scale, and Algorithm 1 would ignore it: leave it "

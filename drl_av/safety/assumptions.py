@@ -57,7 +57,7 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
         _require_bounds(config, met, name)
         free = () if name == vehicle_types.traffic_id else PER_VEHICLE
         _require_model(name, traffic, AS_WRITTEN.traffic, free)
-        _require_one_vehicle_abreast(config, met, road)
+        _require_one_vehicle_abreast(config, met, road, name)
         _require_narrow_vehicles(config, met, road)
         _require_a_long_loop(config, met, road)
     _require_model("ego", vehicle_types.ego, AS_WRITTEN.ego)
@@ -126,7 +126,9 @@ def _require_model(
         )
 
 
-def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
+def _require_one_vehicle_abreast(
+    config: Config, vehicle_types: VehicleTypes, road: Road, label: str
+) -> None:
     """Raise ConfigError if two vehicles can drive beside each other in one lane."""
     lane_m = road.lane_width_m
     resolution_m = config.simulation.strip_width_m(lane_m)
@@ -136,12 +138,17 @@ def _require_one_vehicle_abreast(config: Config, vehicle_types: VehicleTypes, ro
             f"at least the lane width, {lane_m:g}, and not {resolution_m:g}",
             "bound 3 fails: vehicles drive beside each other in a lane of several strips",
         )
-    widest_m = 2 * min(_widths_m(config, vehicle_types).values()) + LATERAL_GAP_M
+    name, width_m = min(_widths_m(config, vehicle_types).items(), key=lambda item: item[1])
+    widest_m = 2 * width_m + LATERAL_GAP_M
     if lane_m > widest_m:
+        is_narrow = width_m < AS_WRITTEN.traffic.width_m
+        at_fault = name.replace("type traffic", f"type {label}"), (lane_m - LATERAL_GAP_M) / 2
         raise _refusal(
-            "the scenario's lane_width_m",
-            f"at most {widest_m:g}, and not {lane_m:g}",
-            "bound 3 fails: two vehicles fit beside each other in a wider lane",
+            at_fault[0] if is_narrow else "the scenario's lane_width_m",
+            f"at least {at_fault[1]:g}, and not {width_m:g}"
+            if is_narrow
+            else f"at most {widest_m:g}, and not {lane_m:g}",
+            "bound 3 fails: two vehicles fit beside each other in a lane",
         )
 
 

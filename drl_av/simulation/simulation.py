@@ -66,6 +66,7 @@ class Simulation:
         if gui:
             require_display()
         self.scenario = scenario
+        self._has_files = bool(scenario.description.additional_files)
         self.road = scenario.road
         self._config = config
         self._gui = gui
@@ -104,8 +105,9 @@ class Simulation:
             raise SimulationError(
                 f"SUMO cannot load the scenario {self.scenario.folder} "
                 f"({' '.join(str(error).split()).rstrip('.')}): "
-                f"{'correct sumo_options, ' if self._sumo_options else ''}write it again, or undo "
-                "what was changed in it."
+                f"{'correct sumo_options, ' if self._sumo_options else ''}"
+                f"{'correct its additional_files, ' if self._has_files else ''}write it again, or "
+                "undo what was changed in it."
             ) from error
         if self._gui:
             self._window = GuiCamera(self._sumo, self.scenario.layout)
@@ -235,7 +237,7 @@ class Simulation:
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
-        own = self._sumo_options or self.scenario.description.additional_files
+        own = self._sumo_options or self._has_files
         as_written = self.scenario.as_written and not own
         if self._owns_sumo() and as_written and not self._gui:
             with suppress(*self._errors):  # if SUMO has ended, or another program has changed it

@@ -13,6 +13,7 @@ import io
 import itertools
 import os
 import platform
+import re
 import shlex
 import shutil
 import subprocess
@@ -108,6 +109,19 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
         if name in SET_BY_US:
             raise ConfigError(f"sumo_options has {name}, which drl-av sets itself: leave it out.")
     return tuple(parted)
+
+
+WRITES = re.compile(r"^--(.*-output|.*log|.*-dump|device\..*\.file|save-state\.files)$")
+"""Options by which SUMO writes a file."""
+
+
+def require_one_process(given: str | Sequence[str]) -> None:
+    """Raise ConfigError if SUMO would write one file in several processes."""
+    if written := next(filter(WRITES.search, option_words(given)), None):
+        raise ConfigError(
+            f"sumo_options has {written}, and several processes would write one file: take one "
+            "process."
+        )
 
 
 def _parted(word: str) -> list[str]:

@@ -168,7 +168,9 @@ def require_supported(scenario: Scenario, config: Config) -> None:
     }
     for what, is_so in refused.items():
         if is_so:
-            raise ConfigError(f"The twin does not know {what}: drive in SUMO, with gymnasium.make.")
+            raise ConfigError(
+                f'The twin does not know {what}: drive in SUMO (simulation.world = "sumo").'
+            )
 
 
 class Drawn(NamedTuple):

@@ -100,6 +100,15 @@ def test_a_training_writes_the_same_bytes_again(run: Path, tmp_path: Path) -> No
     assert not np.array_equal(weights[0][0], others[0][0])
 
 
+def test_a_training_that_is_stopped_leaves_what_it_has_learned(run: Path, tmp_path: Path) -> None:
+    with closing(train_at_scale(tmp_path / "short", SMALL)) as training:
+        next(training)  # one of four updates, before the first regular save of a longer one
+        (tmp_path / "short" / "policy.safetensors").unlink()
+    weights, _ = load_actor(tmp_path / "short" / "policy.safetensors")
+    ends, _ = load_actor(run / "policy.safetensors")
+    assert not np.array_equal(weights[0][0], ends[0][0])
+
+
 def test_the_reward_in_the_table_is_what_the_worlds_paid(tmp_path: Path) -> None:
     # the value that PPO adds where the time of an episode is up is no reward
     short = SMALL.updated("simulation", decisions_per_episode=4)

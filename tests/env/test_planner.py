@@ -326,5 +326,9 @@ def test_under_another_check_it_warns_as_its_base_policy_does() -> None:
 
 def test_roads_that_the_twin_lacks_are_refused_in_a_sentence() -> None:
     merge = with_scenario(Config(), "merge").updated("safety", check="strict")
+    placed = with_scenario(Config(), "cut_in").updated("safety", check="strict")
+    told = "The twin does not know vehicles that a scenario places exactly: name another driver"
+    with pytest.raises(ConfigError, match=told):
+        load_driver("planner", placed)
     with pytest.raises(ConfigError, match="knows no roads that end"):
         load_driver("planner", merge)

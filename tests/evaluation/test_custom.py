@@ -1,6 +1,9 @@
 """Each driver under its check; checks, rewards and observations of the user's own, everywhere."""
 
 import csv
+import shlex
+import shutil
+import subprocess
 import sys
 import threading
 import warnings
@@ -12,16 +15,19 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import onnx
 import pytest
-from runs import error_message, run_folder
+from runs import INTERRUPT, error_message, interrupted, run_folder
 from stable_baselines3 import PPO
 
 import drl_av
 from drl_av.cli import main
 from drl_av.config import Config
+from drl_av.config.functions import import_function
 from drl_av.drivers.registry import find_drivers
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
+from drl_av.env.custom import CustomParts
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.transition import Transition
@@ -272,6 +278,74 @@ def test_a_training_learns_from_the_reward_of_the_user(mine: str, here: Path) ->
     assert main([*words, "--reward", f"{mine}:price"]) == 0
     rows = list(csv.DictReader(Path("run/episodes.csv").read_text().splitlines()))
     assert {row["mean_reward"] for row in rows} == {"-0.125"}
+
+
+def test_a_training_goes_on_with_the_reward_that_it_began_with(
+    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["train", "--out", "run", "--episodes", "3", "--config", "short.toml"]
+    priced = [f"--reward={mine}:price", "--sumo-options=--step-log.period 7"]
+    in_the_second = f"at_call(HighwayEnv, 'execute', 9, {INTERRUPT})"
+    stopped = interrupted(in_the_second, [*words, *priced])
+    assert stopped.returncode == 130
+    again = stopped.stderr.partition("continue with: drl-av ")[2].split("\n")[0]
+    assert again.startswith("train --out run --resume --reward=")
+    for options, message in {
+        (): f"was begun with --reward {mine}:price: give it again",
+        (priced[0],): "was begun with --sumo-options --step-log.period 7: give it again",
+    }.items():
+        assert main(["train", "--out", "run", "--resume", *options]) == 1
+        assert message in error_message(capsys)
+    assert main(shlex.split(again)) == 0
+    rows = list(csv.DictReader(Path("run/episodes.csv").read_text().splitlines()))
+    assert [row["mean_reward"] for row in rows] == ["-0.125"] * 3
+    assert main([*words[:2], "plain", *words[3:]]) == 0
+    assert main(["train", "--out", "plain", "--resume", priced[0]]) == 1
+    assert "plain was begun without --reward: leave it out" in error_message(capsys)
+
+
+def test_the_reward_of_a_program_is_named_as_another_program_would(mine: str) -> None:
+    price, speed = (import_function(f"{mine}:{name}", "part") for name in ("price", "Speed"))
+    assert CustomParts(reward=price).words() == {"reward": f"{mine}:price"}
+    assert CustomParts(observation=speed()).words() == {"observation": f"{mine}:Speed"}
+    assert CustomParts(sumo_options=["--fcd-output", "a b.xml"]).words() == {
+        "sumo_options": "--fcd-output 'a b.xml'"
+    }
+    program = "import drl_av.env.custom as c\nprint(c.CustomParts(reward=lambda t: 0).words())"
+    Path("my_program.py").write_text(program)
+    run = subprocess.run([sys.executable, "my_program.py"], capture_output=True, text=True)
+    assert run.stdout == "{'reward': 'my_program:<lambda>'}\n"
+
+
+@pytest.mark.parametrize("change", ["driver", "module", "scenario", "reward", "sumo options"])
+def test_a_table_refuses_rows_of_a_changed_file_or_function(
+    change: str, mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scenario", "road", "--circumference-m", "400"]) == 0
+    assert main(["export", "pretrained-paper", "net.onnx"]) == 0
+    words = ["evaluate", "net.onnx", "--driver", f"{mine}:brakes", "--scenario", "road"]
+    words += ["--vehicles", "1", "--episodes", "1", "--config", "short.toml", "--out", "t.csv"]
+    words += ["--reward", f"{mine}:price", "--sumo-options=--step-log.period 7"]
+    assert main(words) == 0
+    before = Path("t.csv").read_bytes()
+    assert main(words) == 0
+    if change == "driver":
+        network = onnx.load("net.onnx")
+        network.doc_string = "another file, though the same driver"
+        onnx.save(network, "net.onnx")
+    elif change == "module":
+        Path(f"{mine}.py").write_text(MODULE + "\n")
+    elif change == "scenario":
+        shutil.rmtree("road")
+        assert main(["scenario", "road", "--circumference-m", "420"]) == 0
+    elif change == "reward":
+        words = [*words[:-3], words[-1]]
+    else:
+        words = words[:-1]
+    capsys.readouterr()
+    assert main(words) == 1
+    assert "t.csv was made with other settings, columns or drivers" in error_message(capsys)
+    assert Path("t.csv").read_bytes() == before
 
 
 def test_the_environment_takes_the_names_too(mine: str) -> None:

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +184,20 @@ def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
     ]
 
 
+def test_processes_do_not_share_a_file_that_sumo_writes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, runs = tmp_path / "fcd.xml", tmp_path / "runs"
+    commands = ["evaluate idm --vehicles 1 --episodes 2", f"train --seeds 1,2 --out {runs}"]
+    for words, option in product(commands, (f"--fcd-output={file}", f"--device.ssm.file {file}")):
+        assert cli.main([*words.split(), "--jobs", "2", f"--sumo-options={option}"]) == 1
+        assert "several processes would write one file" in capsys.readouterr().err
+    assert not file.exists()
+    assert not runs.exists()
+    shared = ["--jobs", "2", "--sumo-options=--step-method.ballistic true", "-o"]
+    assert cli.main([*commands[0].split(), *shared, "simulation.decisions_per_episode=2"]) == 0
+
+
 def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -215,6 +230,8 @@ def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
         assert [row["seed"] for row in csv.DictReader(file)] == list("012345678")
     assert "by_vehicles" in json.loads(summary.read_text())
     assert "9 episodes each" in capsys.readouterr().out
+    assert cli.main([*words, "--criticality"]) == 1
+    assert "was made with other settings, columns or drivers" in capsys.readouterr().err
     facts = json.loads(out.with_suffix(".provenance.json").read_text())
     assert (facts["seeds"], facts["engine"]) == ("0 to 8", "loky")
     before = out.read_bytes()

@@ -104,7 +104,7 @@ ROAD = ROAD_AS_WRITTEN
             "traffic",
             {"truck_share": 0.1, "truck_width_m": 0.5},
             ROAD,
-            "the scenario's lane_width_m must be at most 1.6, and not 3.8",
+            "traffic.truck_width_m must be at least 1.6, and not 0.5",
         ),
         # 30 m in a second and 105 m to brake, 0.5 m to spare, two vehicles of 5 m
         ("ego", {}, replace(ROAD, lap_m=145.4), "circumference_m must be at least 145.5"),

@@ -52,7 +52,8 @@ def test_a_scenario_carries_detectors_and_types_of_the_user(here: Path) -> None:
     own_file(LOOP.format("NUL").replace("pos", "position"))
     assert write("wrong") == 0  # what SUMO refuses
     env = HighwayEnv(scenario="./wrong")
-    with pytest.raises(SimulationError, match="SUMO cannot load the scenario"):
+    told = r"SUMO cannot load the scenario.*: correct its additional_files, write it again"
+    with pytest.raises(SimulationError, match=told):
         env.reset(seed=0)
 
 

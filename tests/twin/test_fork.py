@@ -338,6 +338,10 @@ def test_what_cannot_be_copied_is_refused() -> None:
         env.hand_over(load_driver("sumo").model)  # type: ignore[attr-defined]
         with pytest.raises(ConfigError, match="drive the ego without SUMO"):
             env.fork(2)
+    with closing(HighwayEnv(scenario="cut_in")) as env:
+        env.reset(seed=1)
+        with pytest.raises(ConfigError, match=r"A fork drives in the twin.* places exactly: fork"):
+            env.fork(2)
 
 
 @pytest.mark.parametrize(
