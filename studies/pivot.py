@@ -276,8 +276,18 @@ def _strata(rows: Frame, column: str) -> list[Any]:
 
 
 def by_traffic(rows: Frame, column: str) -> dict[Any, float]:
-    """Return the value of a column in each traffic: by number of vehicles and seed."""
-    return dict(zip(zip(rows["vehicles"], rows["seed"], strict=True), rows[column], strict=True))
+    """Return the value of a column in each traffic: by its kind, number of vehicles and seed.
+
+    Raises DrlAvError if several rows have the same traffic, which would not be pairs.
+    """
+    keys = [rows[name] for name in ("traffic", "vehicles", "seed") if name in rows]
+    found = dict(zip(zip(*keys, strict=True), rows[column], strict=True))
+    if len(found) < len(rows):
+        raise DrlAvError(
+            f"A gain compares pairs of episodes, but {len(rows)} rows have {len(found)} kinds of "
+            "traffic: group them further with rows, columns, where or units."
+        )
+    return found
 
 
 def _source(study: "FileStudy", source: Spec, folder: Path) -> Frame:

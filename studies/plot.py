@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drl_av.evaluation.figure_style import label_axes, legend_of_names, panels
-from drl_av.evaluation.figures import curves_by_density
+from drl_av.evaluation.figures import APART, curves_by_density
 from drl_av.evaluation.statistics import Mean
 from studies.pivot import Pivot, Spec, values_of
 
@@ -53,18 +53,23 @@ def figure(study: "FileStudy", spec: Spec | Sequence[Spec], folder: Path) -> "Fi
 
 
 def curves(pivot: Pivot, where: Mapping[str, Any]) -> Curves:
-    """Return the means of each curve of a figure by x, for the rows with the values ``where``."""
+    """Return the means of each curve of a figure by x, for the rows with the values ``where``.
+
+    If x is a measure, a curve has one point for each value of the column "along".
+    """
     spec = pivot.spec
     x = spec["x"]
+    along = spec.get("along", x)
     lines = ["label"] if x != "label" else []
     found: Curves = {}
     for key in pivot.keys([*where, *lines], pivot.shown):
         if where.items() <= key.items():
             name = str(key.get("label", "")).strip("`")
-            for place in values_of(pivot.shown, x):
-                value = pivot.value(spec["value"], key, {x: place})
+            for place in values_of(pivot.shown, along):
+                value = pivot.value(spec["value"], key, {along: place})
+                at = place if x == along else pivot.value(x, key, {along: place})
                 if isinstance(value, Mean):
-                    found.setdefault(name, {})[place] = value
+                    found.setdefault(name, {})[at.value if isinstance(at, Mean) else at] = value
     return found
 
 
@@ -79,4 +84,4 @@ def _draw(panel: "Axes", title: str, spec: Spec, own: Curves) -> dict[str, Any]:
         curves_by_density(panel, {"": places}, joined=False)
         panel.set_xticks([*places], [*means], rotation=35, ha="right")
         return {}
-    return curves_by_density(panel, own)
+    return curves_by_density(panel, own, apart=0.0 if "along" in spec else APART)

@@ -8,8 +8,8 @@ from studies.study import FileStudy
 
 PROGRAMS = {study.name: study for study in (CURVES, ADAPTATION, BARRICADE)}
 ORDER = (
-    *("opponents", "straight", "strict", "check", "curves", "final_policies", "density_sweep"),
-    *("whole_schedule", "literal", "adaptation", "barricade"),
+    *("opponents", "comfort", "straight", "strict", "check", "curves", "final_policies"),
+    *("density_sweep", "whole_schedule", "literal", "adaptation", "barricade"),
 )
 """The studies of this repository; files that are not named follow in alphabetical order."""
 _FILES = {path.stem: FileStudy(path) for path in sorted(FOLDER.glob("*.toml"))}

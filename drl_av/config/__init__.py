@@ -16,7 +16,7 @@ from typing import Any
 
 import tomli_w
 
-from drl_av.config.drivers import FiniteStateConfig, Level0Config, MobilConfig
+from drl_av.config.drivers import DriverConfig, FiniteStateConfig, Level0Config, MobilConfig
 from drl_av.config.ego import DESIRED_VALUES, EgoConfig, ObservationConfig, RewardConfig
 from drl_av.config.learning import REPLAYS, LearningConfig, PpoConfig
 from drl_av.config.safety import SafetyConfig, StrictConfig
@@ -31,6 +31,7 @@ __all__ = [
     "SINGLE_PRESETS",
     "TRAFFIC_PRESETS",
     "Config",
+    "DriverConfig",
     "EgoConfig",
     "FiniteStateConfig",
     "LearningConfig",
@@ -59,6 +60,7 @@ class Config:
     ego: EgoConfig = EgoConfig()
     safety: SafetyConfig = SafetyConfig()
     strict: StrictConfig = StrictConfig()
+    driver: DriverConfig = DriverConfig()
     mobil: MobilConfig = MobilConfig()
     finite_state: FiniteStateConfig = FiniteStateConfig()
     level_0: Level0Config = Level0Config()

@@ -7,6 +7,19 @@ from drl_av.config.traffic import STANDSTILL_GAP_M
 
 
 @dataclass(frozen=True)
+class DriverConfig(Section):
+    """How smoothly the ego drives, whichever driver proposes its actions.
+
+    hold_s: time for which the safety check must let the ego hold a higher speed behind the vehicle
+        ahead, or it does not accelerate; it then also begins a lane change only if the check would
+        let it go on a decision later; 0 leaves each driver as it is, and SUMO's own drivers ignore
+        it (ours)
+    """
+
+    hold_s: float = setting(0.0, low=0, high=60)
+
+
+@dataclass(frozen=True)
 class MobilConfig(Section):
     """The ego's driver ``idm-mobil``: MOBIL's lane-change criteria, and the IDM that they use.
 

@@ -17,6 +17,7 @@ from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, as_config
 from drl_av.config.section import did_you_mean
 from drl_av.drivers import policy_file
+from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
 from drl_av.drivers.groups import trainings_of
@@ -303,7 +304,8 @@ def make_drivers(
 ) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
-    A learned driver keeps the [learning] settings of its training, such as its mirror.
+    A learned driver keeps the [learning] settings of its training, such as its mirror. With
+    ``driver.hold_s`` each is a ``SteadyDriver``, but SUMO's own.
     ``check`` is the environment's safety check; by default it is made if a driver asks it.
     ``observed`` is the number of values of the environment's observation, if that is the user's.
 
@@ -341,6 +343,8 @@ def make_drivers(
         if spec.is_external and spec.run is not None:
             load = LOADERS[spec.run.suffix.lower()]
             drivers[spec.name] = load(spec.run, observed, partial(its_check, spec))
+        if config.driver.hold_s and not isinstance(drivers[spec.name], SumoDriver):
+            drivers[spec.name] = SteadyDriver(drivers[spec.name], its_check(spec), config)
     return {spec.name: drivers[spec.name] for spec in specs}
 
 

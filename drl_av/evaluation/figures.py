@@ -53,7 +53,7 @@ OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733"
 OTHER_STYLES = [(color, mark) for mark in ("D", "P", "X", "*", "p", "h") for color in OTHER_COLORS]
 """The styles of all other drivers."""
 UNBOUNDED = (-math.inf, math.inf)
-BESIDE = 0.15
+APART = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
 
 
@@ -290,13 +290,15 @@ def curves_by_density(
     joined: bool = True,
     lowest: float = -math.inf,
     banded: Sequence[str] = (),
+    apart: float = APART,
 ) -> dict[str, Any]:
     """Draw a curve for each driver with its 95 % intervals; return the curves by driver.
 
     ``means`` holds the values by driver and by number of vehicles; an infinite interval is left
     out. A driver has one colour; its curve under another check, such as "idm, strict", is dashed.
     With ``joined`` false there are only points. No interval reaches below ``lowest``, which is 0
-    for a speed. The intervals of the drivers ``banded`` are a band.
+    for a speed. The intervals of the drivers ``banded`` are a band. The points of two drivers at
+    the same number are ``apart``.
     """
     curves = dict[str, Any]()
     styles = styles_of(driver.partition(", ")[0] for driver in means)
@@ -309,7 +311,7 @@ def curves_by_density(
                 axes, [*own], [*own.values()], (lowest, math.inf), **style
             )
             continue
-        aside = BESIDE * (place - (len(means) - 1) / 2)
+        aside = apart * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
             [number + aside for number in own],
             [mean.value for mean in own.values()],

@@ -15,6 +15,7 @@ from drl_av.config.section import did_you_mean
 from drl_av.drawing.page import PageDecision, PageEpisode
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
+from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.masked_policy import MaskedPolicyDriver
@@ -65,8 +66,9 @@ class PageRecorder:
     """Collects an episode for a page, with the values of a learned driver."""
 
     def __init__(self, session: "ReplaySession") -> None:
-        self._driver = session.driver
-        are = "Probabilities" if isinstance(session.driver, MaskedPolicyDriver) else "Q-values"
+        driver = session.driver
+        self._driver = driver.inner if isinstance(driver, SteadyDriver) else driver
+        are = "Probabilities" if isinstance(self._driver, MaskedPolicyDriver) else "Q-values"
         self.episode = PageEpisode(session.title, session.facts, are)
 
     def __call__(self, decision: Transition) -> None:

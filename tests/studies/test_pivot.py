@@ -190,3 +190,36 @@ def test_the_curves_of_a_figure_are_the_cells_of_the_table(study: FileStudy) -> 
         "slow": [18, 12],
         "quick": [24, 9],
     }
+
+
+def test_a_curve_of_one_measure_against_another_has_a_point_for_each_value_of_a_column(
+    study: FileStudy,
+) -> None:
+    spec: dict[str, Any] = {"x": {"total": "10 * lane_changes / decisions"}, "along": "vehicles"}
+    spec |= {"value": {"interval": "mean_speed_m_s"}, "labels": ["x", "y"]}
+    spec |= {"where": {"variant": "plain", "driver": ["ours", "slow"]}}
+    found = curves(Pivot(study, spec, study.path.parent), {})
+    # ours: 2 lane changes in 40 decisions among 5 vehicles, 1 in 80 among 10
+    points = {name: {at: mean.value for at, mean in own.items()} for name, own in found.items()}
+    assert points["ours"] == {0.5: 25, 0.125: 11}
+    assert points["slow"] == {0.0: 12}  # no lane changes at all: the later point
+    drawn = figure(study, spec, study.path.parent)
+    [axes] = drawn.axes
+    [ours, *_] = axes.lines
+    assert sorted(ours.get_xdata()) == [0.125, 0.5]  # not moved aside, as numbers of vehicles are
+
+
+def test_episodes_in_two_kinds_of_traffic_are_pairs_of_their_own(study: FileStudy) -> None:
+    """With the same seed, a kind of traffic is another episode."""
+    head, *rows = ROWS.splitlines()
+    calm = [f"{row},calm" for row in rows if row.startswith(("plain,ours", "plain,slow"))]
+    slower = [row.replace("30.0", "24.0").replace("calm", "paper") for row in calm]
+    path = study.path.with_suffix(".csv")
+    path.write_text("\n".join([f"{head},traffic", *calm, *slower]) + "\n")
+    spec = {"rows": ["label"], "where": {"vehicles": 5}, "without": {"driver": ["slow"]}}
+    spec["measures"] = [{"head": "gain", "gain": "mean_speed_m_s", "over": {"driver": "slow"}}]
+    # calm: 10 and 4, paper: 4 and 4; of paper alone it would be 4.00
+    assert lines(study, **spec)[1].startswith("`ours` | 5.50 ")
+    path.write_text("\n".join([f"{head}", *rows[:12], *rows[:12]]) + "\n")
+    with pytest.raises(DrlAvError, match="4 rows have 2 kinds of traffic: group them further"):
+        lines(study, **spec)
