@@ -132,7 +132,7 @@ def test_what_the_twin_cannot_do_is_refused(
     with pytest.raises(ConfigError, match=r"The twin does not know imported roads.*drive in SUMO"):
         HighwayEnv(folder, config=TWIN)
     for given in ({"render_mode": "human"}, {"sumo_options": "--fcd-output fcd.xml"}):
-        told = r"The twin has neither sumo-gui nor options and outputs of SUMO: drive in SUMO .*--video"
+        told = r"neither sumo-gui nor options and outputs of SUMO: drive in SUMO .*--video"
         with pytest.raises(ConfigError, match=told):
             HighwayEnv(config=TWIN, **given)  # type: ignore[arg-type]
     assert HighwayEnv(config=TWIN, render_mode="rgb_array").reset(seed=1)
