@@ -24,6 +24,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, EGO_ID, Snapshot
+from drl_av.safety import action_mask
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, apply_check
 
 STEADY = ACTIONS[0]
@@ -118,7 +119,7 @@ class SteadyDriver(Driver):
         moved = s_m % scene.road.lap_m, y_m, speed_m_s, lateral_m_s
         later = Snapshot(shot.time_s, shot.ids, *moved, length_m, width_m)
         then = self._seen(later, change, scene.road)
-        return any(self._permits(then, action) for action in ACTIONS if not action.lateral)
+        return bool(action_mask(self._check, then)[: len(Longitudinal)].any())
 
     def _holds(self, scene: Scene, faster: Action) -> bool:
         """Return whether the check permits the higher speed until the end of the time."""

@@ -16,6 +16,7 @@ from drl_av.config.functions import import_function, is_factory, require_functio
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
 from drl_av.safety.check import SafetyCheck
+from drl_av.simulation.start_sumo import option_words
 
 
 class CustomParts(NamedTuple):
@@ -29,14 +30,17 @@ class CustomParts(NamedTuple):
 
     def words(self) -> dict[str, str]:
         """Return those that are given, by name, in words that a later process has too."""
-        return {name: _word(part) for name, part in self._asdict().items() if part}
+        words = {name: _word(part) for name, part in self._asdict().items() if part}
+        if self.sumo_options:
+            words["sumo_options"] = shlex.join(option_words(self.sumo_options))
+        return words
 
 
 def _word(part: Any) -> str:
     if isinstance(part, str):
         return part
     if isinstance(part, Iterable):
-        return shlex.join(map(str, part))
+        return " ".join(map(str, part))
     named = part if hasattr(part, "__qualname__") else type(part)
     module = named.__module__
     if module == "__main__":  # the program itself, which another one imports by its file's name

@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
+from drl_av.config import Config
 from drl_av.driving.scene import Scene
 from drl_av.env.episode_start import TrafficSetup
 from drl_av.env.observation import GroupObservation
@@ -47,6 +49,20 @@ def copied_groups(observe: Any, has_own_parts: bool) -> Sequence[str]:
             "was made so."
         )
     return observe.groups
+
+
+def twin_of(whose: str, instead: str, config: Config, **arguments: Any) -> TwinVectorEnv:
+    """Return worlds of the twin, which never begin anew, for a search in an episode.
+
+    Raises:
+        ConfigError: the twin cannot do what the settings ask; the message says ``whose`` worlds
+            these are, and what the user can do ``instead``.
+    """
+    try:
+        return TwinVectorEnv(config=config, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+    except ConfigError as error:
+        reason = str(error).partition(":")[0]
+        raise ConfigError(f"{whose} in the twin. {reason}: {instead}.") from error
 
 
 def copy_episode(

@@ -28,7 +28,7 @@ from drl_av.env.episode_start import (
     traffic_seed,
     traffic_setups,
 )
-from drl_av.env.fork import copied_groups, copy_episode
+from drl_av.env.fork import copied_groups, copy_episode, twin_of
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
@@ -314,15 +314,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         groups = copied_groups(self.observe, self._has_own_parts or self.ego_model is not None)
         if self._twin is None:
-            try:
-                self._twin = TwinVectorEnv(
-                    config=self.config, observation=groups, autoreset_mode="Disabled"
-                )
-            except ConfigError as error:
-                reason = str(error).partition(":")[0]
-                raise ConfigError(
-                    f"A fork drives in the twin. {reason}: fork an episode without it."
-                ) from error
+            said = "A fork drives", "fork an episode without it"
+            self._twin = twin_of(*said, self.config, observation=groups)
         episode = TrafficSetup(self.simulation, self.traffic_drivers), self._route, self.scene
         so_far = self.decisions, self._speed_sum_m_s, self._triggers
         copy_episode(self._twin, *episode, self.seed, so_far)

@@ -8,7 +8,6 @@ parameters and their random lane changes are drawn.
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import AutoresetMode
 
 from drl_av.config import Config
 from drl_av.config.learning import SPAN_M_S
@@ -20,9 +19,8 @@ from drl_av.driving.actions import ACTIONS, HARD_BRAKE, Action
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
 from drl_av.env.beliefs import GUESSES, Beliefs
-from drl_av.env.fork import place_ego
+from drl_av.env.fork import place_ego, twin_of
 from drl_av.env.twin_episodes import decide_all
-from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import most_probable_actions
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
@@ -65,15 +63,8 @@ class PlannerDriver(Driver):
     """
 
     def __init__(self, actor: tuple[Layers, Config], config: Config) -> None:
-        try:
-            self._twin = TwinVectorEnv(
-                config=config, action_mask=False, autoreset_mode=AutoresetMode.DISABLED
-            )
-        except ConfigError as error:
-            reason = str(error).partition(":")[0]
-            raise ConfigError(
-                f"The planner tries its actions in the twin. {reason}: name another driver."
-            ) from error
+        said = "The planner tries its actions", "name another driver"
+        self._twin = twin_of(*said, config, action_mask=False)
         if not self._twin.road.is_loop:
             raise ConfigError(
                 "The planner follows the shipped driver, which knows no roads that end: take a "

@@ -36,7 +36,6 @@ from drl_av.files import (
     write_table,
 )
 from drl_av.scenarios.folder import find_scenario
-from drl_av.simulation.start_sumo import option_words
 
 TYPES: Mapping[str, Any] = {
     name: PlainNumber if kind in (int, float) else kind
@@ -108,8 +107,8 @@ def custom_inputs(config: Config, custom: CustomParts) -> dict[str, str]:
     ``module:name`` with the SHA-256 of its module.
     """
     found = {"scenario": files_digest(find_scenario(config.simulation.scenario))}
-    for name, part in custom._asdict().items():
-        word = " ".join(option_words(part)) if name == "sumo_options" else str(part or "")
+    found |= dict.fromkeys(custom._fields, "")
+    for name, word in custom.words().items():
         found[name] = f"{word} {source_digest(word)}" if is_factory(word) else word
     return found
 

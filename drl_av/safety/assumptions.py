@@ -141,15 +141,12 @@ def _require_one_vehicle_abreast(
     name, width_m = min(_widths_m(config, vehicle_types).items(), key=lambda item: item[1])
     widest_m = 2 * width_m + LATERAL_GAP_M
     if lane_m > widest_m:
-        is_narrow = width_m < AS_WRITTEN.traffic.width_m
-        at_fault = name.replace("type traffic", f"type {label}"), (lane_m - LATERAL_GAP_M) / 2
-        raise _refusal(
-            at_fault[0] if is_narrow else "the scenario's lane_width_m",
-            f"at least {at_fault[1]:g}, and not {width_m:g}"
-            if is_narrow
-            else f"at most {widest_m:g}, and not {lane_m:g}",
-            "bound 3 fails: two vehicles fit beside each other in a lane",
-        )
+        what, bound = "the scenario's lane_width_m", f"at most {widest_m:g}, and not {lane_m:g}"
+        if width_m < AS_WRITTEN.traffic.width_m:  # no road has lanes so narrow
+            what = name.replace("type traffic", f"type {label}")
+            bound = f"at least {(lane_m - LATERAL_GAP_M) / 2:g}, and not {width_m:g}"
+        reason = "bound 3 fails: two vehicles fit beside each other in a lane"
+        raise _refusal(what, bound, reason)
 
 
 def _widths_m(config: Config, vehicle_types: VehicleTypes) -> dict[str, float]:
