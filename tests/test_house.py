@@ -236,6 +236,36 @@ def test_a_module_says_in_its_first_line_what_it_is(module: str) -> None:
         assert not re.search(r"\bprint\(", text)
 
 
+OF_OTHERS = {"clone_state", "ego_is_comfortable", "sha256sum"}
+"""Names in docstrings that belong to other projects: ALE, nuPlan and coreutils."""
+
+
+def test_a_name_that_a_docstring_quotes_exists() -> None:
+    root, words, quoted = PACKAGE.parent, set(OF_OTHERS), set()
+    for folder in ("drl_av", "studies", "verification"):
+        for file in (root / folder).rglob("*.py"):
+            source = file.read_text(encoding="utf-8")
+            tree = ast.parse(source)
+            docs = [
+                node.value.value
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Expr)
+                and isinstance(node.value, ast.Constant)
+                and isinstance(node.value.value, str)
+            ]
+            for text in docs:
+                source = source.replace(text, "")
+                quoted |= {
+                    (file.name, word)
+                    for name in re.findall(r"``([\w./]+)(?:\(\))?``", text)
+                    for word in re.findall(r"\w+", name)
+                }
+            words |= {*re.findall(r"\w+", source), *file.relative_to(root).with_suffix("").parts}
+    words |= {"py", "txt", "md"} | {file.stem for file in (root / "docs").rglob("*")}
+    assert ("description.py", "read_route") in quoted
+    assert not {(file, word) for file, word in quoted if word not in words}
+
+
 HEAVY = ("libsumo", "traci", "sumolib", "torch", "matplotlib", "stable_baselines3", "numba")
 
 

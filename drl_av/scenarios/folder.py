@@ -65,7 +65,7 @@ class Scenario:
 
     folder: Path
     description: RoadDescription
-    """The settings of the scenario; their class is the ``description`` of its ``ScenarioKind``."""
+    """The settings of the scenario; their class is the ``description`` of its ``RoadType``."""
     layout: Layout
     additional_files: tuple[Path, ...]
     """The files that SUMO loads before any vehicle: vehicle types, and barricades if any."""

@@ -120,7 +120,7 @@ def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> 
 
 
 class RoadType(NamedTuple):
-    """A kind of scenario: its description, and the functions that write and read its files.
+    """A type of road: its description, and the functions that write and read its files.
 
     Each function takes a description, but ``read`` takes (root element of the network file,
     description, name of the file). It raises ScenarioError if the network differs from the

@@ -52,7 +52,7 @@ class Fleet:
     """The vehicles at the start of the episode."""
     ids: tuple[str, ...]
     driver_models: npt.NDArray[np.intp]
-    """The kind of driver of each vehicle, a value of ``population.Kind``."""
+    """The ``DriverModel`` of each vehicle."""
     type_ids: Sequence[str]
     """The id of the vehicle type of each vehicle."""
     length_m: FloatArray

@@ -354,7 +354,7 @@ def placed_population(placed: tuple[PlacedVehicle, ...], traffic: TrafficConfig)
 
 
 def draw_driver_models(seed: int, n: int, traffic: TrafficConfig) -> npt.NDArray[np.intp]:
-    """Draw the kind of driver of each row by the shares, shape (n,); the ego's is ``Kind.SUMO``.
+    """Draw the kind of driver of each row by the shares, shape (n,); the ego's is ``SUMO``.
 
     The kinds have a separate random stream, so they do not change the other parameters.
     """

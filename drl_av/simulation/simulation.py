@@ -152,7 +152,7 @@ class Simulation:
 
         Return the snapshot after the last step, and the ego's collision or None. Only this method
         detects collisions, by the motion of the bodies within each SUMO step
-        (``traffic/collisions.py``). SUMO executes the traffic commands as far as they are safe.
+        (``road/sweep.py``). SUMO executes the traffic commands as far as they are safe.
 
         Raises:
             SimulationError: SUMO does not run or ended unexpectedly, for example because the user

@@ -58,7 +58,7 @@ class ImportedDescription(OpenDescription):
         junctions (ours)
 
     Raises:
-        ScenarioError: the route cannot be read (``net_route.read_route``), is too short or too
+        ScenarioError: the route cannot be read (``route.read_route``), is too short or too
             long, or has no lane along its whole length or to its exit
             (``carriageway.carriageway``); the ego cannot reach the exit in time; or the speed limit
             is too low for the inflow.
