@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config, SimulationConfig, TrafficConfig
 from drl_av.drivers.background.traffic import TrafficDrivers
+from drl_av.driving.actions import ACTIONS
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.random_streams import Stream, generator, kind_of_traffic
@@ -119,6 +120,17 @@ def seeds_of_worlds(seed: Any, worlds: int) -> list[int | None]:
             "single one."
         )
     return [None if one is None else int(one) for one in seed]
+
+
+def actions_of_worlds(actions: Any, worlds: int) -> npt.NDArray[np.int64]:
+    """Return one action for each world; raise ConfigError unless these are such numbers."""
+    given = np.asarray(actions)
+    right = given.shape == (worlds,) and given.dtype.kind in "iu"
+    if not right or given.min() < 0 or given.max() >= len(ACTIONS):
+        raise ConfigError(
+            f"The actions must be {worlds} whole numbers from 0 to {len(ACTIONS) - 1}."
+        )
+    return given.astype(np.int64)
 
 
 def is_whole(value: Any) -> bool:

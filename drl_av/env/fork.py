@@ -1,6 +1,5 @@
 """Copies a running episode, in SUMO or in the twin, into worlds of the twin, for search."""
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -11,7 +10,6 @@ from gymnasium.vector import AutoresetMode
 from drl_av.config import Config
 from drl_av.driving.scene import Scene
 from drl_av.env.episode_start import TrafficSetup
-from drl_av.env.observation import GroupObservation
 from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.twin_simulation import TwinSimulation
@@ -31,24 +29,6 @@ from drl_av.twin.worlds import (
     TRACKED,
     TRACKED_LEFT,
 )
-
-
-def copied_groups(observe: Any, has_own_parts: bool) -> Sequence[str]:
-    """Return the groups of indicators that the worlds of a fork observe.
-
-    ``observe`` computes the observation of the environment. ``has_own_parts`` says whether it has
-    a check or a reward of the user, or an ego that SUMO drives.
-
-    Raises:
-        ConfigError: a fork cannot have these parts.
-    """
-    if has_own_parts or not isinstance(observe, GroupObservation):
-        raise ConfigError(
-            "The worlds of a fork have no safety check, reward or observation of yours, observe "
-            "groups of indicators only, and drive the ego without SUMO: fork an environment that "
-            "was made so."
-        )
-    return observe.groups
 
 
 def twin_of(whose: str, instead: str, config: Config, **arguments: Any) -> TwinVectorEnv:

@@ -28,7 +28,7 @@ from drl_av.env.episode_start import (
     traffic_seed,
     traffic_setups,
 )
-from drl_av.env.fork import copied_groups, copy_episode, twin_of
+from drl_av.env.fork import copy_episode, twin_of
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
@@ -105,6 +105,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
         self.observe = observation_function(custom_observation_of(groups), self.scale)
+        self._groups = getattr(self.observe, "groups", self.observe)
         self._values_of = SceneValues(config, self.road, self.scale)
         self._ego = ego_numbers(config.ego, config.simulation)
         self._verdicts: Verdicts | None = None
@@ -117,7 +118,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         )
         self.ego_model: EgoModel | None = None
         self._twin: TwinVectorEnv | None = None
-        self._has_own_parts = own_check is not None or reward is not None
+        self._has_own_check = own_check is not None
         self._over = True
 
     @property
@@ -307,15 +308,21 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
 
         Raises:
             ConfigError: the twin cannot do what the settings ask, or the environment has a check
-                or a reward of the user, or sees other than groups, or SUMO drives the ego.
+                of the user, or SUMO drives the ego.
             gymnasium.error.ResetNeeded: no episode is running.
         """
         if self._over:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
-        groups = copied_groups(self.observe, self._has_own_parts or self.ego_model is not None)
+        if self._has_own_check or self.ego_model is not None:
+            raise ConfigError(
+                "The worlds of a fork have no safety check of yours and drive the ego without "
+                "SUMO: fork an environment that was made so."
+            )
         if self._twin is None:
             said = "A fork drives", "fork an episode without it"
-            self._twin = twin_of(*said, self.config, observation=groups)
+            self._twin = twin_of(
+                *said, self.config, observation=self._groups, reward=self._own_reward
+            )
         episode = TrafficSetup(self.simulation, self.traffic_drivers), self._route, self.scene
         so_far = self.decisions, self._speed_sum_m_s, self._triggers
         copy_episode(self._twin, *episode, self.seed, so_far)

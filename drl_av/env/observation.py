@@ -214,23 +214,6 @@ def observation_function(
     )
 
 
-def group_observation(
-    given: Sequence[str] | None, scale: ObservationScale, config: ObservationConfig
-) -> GroupObservation:
-    """Return the observation of the groups ``given``, or of those of ``config``.
-
-    Raises:
-        ConfigError: ``given`` does not name known groups of indicators.
-    """
-    found = observation_function(default_groups(config) if given is None else given, scale)
-    if isinstance(found, GroupObservation):
-        return found
-    raise ConfigError(
-        f"The vector environment observes groups of indicators only ({', '.join(GROUPS)}): name "
-        "some, or take gymnasium.make."
-    )
-
-
 def _require_groups(groups: Sequence[str]) -> None:
     """Raise ConfigError if a group is unknown or occurs twice, or no group is given."""
     for group in groups:

@@ -71,6 +71,10 @@ class OpenWorlds:
         self.default_vehicle_count = usual.default_vehicle_count
         self.most_in_training = usual.most_in_training
 
+    def misses_exit(self, row: int, now: Indicators) -> bool:
+        """Return whether the ego of a world has passed its exit without taking it."""
+        return self.routes[row].misses_exit(now)
+
     def draw(self, row: int, seed: int, vehicles: int, kinds: Sequence[Config]) -> Drawn:
         """Draw the traffic of an episode in a world, as ``draw_traffic`` does on a loop."""
         config = kinds[kind_of_traffic(seed, len(kinds))]

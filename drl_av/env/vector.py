@@ -1,7 +1,7 @@
 """``gymnasium.make_vec("drl_av/Highway-v0", ...)``: many highways at once, in the compiled twin."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from pathlib import Path
@@ -12,14 +12,16 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import concatenate, create_empty_array, iterate
 
 from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.observation_scale import ObservationScale
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.scene import Scene
+from drl_av.env.custom import custom_observation_of, custom_reward_of
 from drl_av.env.episode_start import (
+    actions_of_worlds,
     number_of_vehicles,
     require_numbers,
     reset_options,
@@ -27,29 +29,33 @@ from drl_av.env.episode_start import (
     seeds_of_worlds,
     traffic_seed,
 )
-from drl_av.env.observation import group_observation
-from drl_av.env.open_worlds import (
-    OpenWorlds,
-    exchange_vehicles,
-    leaving_and_entering,
-    request_random_changes,
+from drl_av.env.observation import (
+    GroupObservation,
+    ObservationFunction,
+    default_groups,
+    observation_function,
 )
-from drl_av.env.twin_episodes import CHECK_NUMBERS, decide_all, empty_episodes, look_all, task_of
-from drl_av.env.vector_info import Observations, common_info, step_info, with_final
+from drl_av.env.transition import RewardFunction, Transition, custom_reward
+from drl_av.env.twin_episodes import CHECK_NUMBERS, look_all
+from drl_av.env.vector_info import Decided, common_info, step_info, transition_of, with_final
+from drl_av.env.world_arrays import WorldArrays
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
-from drl_av.road.snapshot import EGO_ID, Snapshot
 from drl_av.road.sweep import NO_CONTACT
-from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.scenarios.folder import with_scenario
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
-from drl_av.twin.worlds import COUNT, LANE, MODEL, STEP, World, empty_worlds
+from drl_av.twin.worlds import LANE, MODEL, STEP
 
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
 
 
-class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[Any]]):
+Observations = Any
+"""By default float32 of shape (worlds, 27), otherwise what gymnasium batches of the space."""
+
+
+class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[Any]]):
     """Many highways at once, in the compiled twin of SUMO's traffic (``drl_av.twin``).
 
     It has the observation, the actions, the reward, the safety checks and the ``info`` of
@@ -62,7 +68,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         scenario: A scenario folder, or the name of a shipped scenario.
         safety_check: The name of a check.
         config: Settings, as for ``drl_av/Highway-v0``.
-        observation: Names of groups of indicators, as for ``drl_av/Highway-v0``.
+        observation: Names of groups of indicators or an object, as for ``drl_av/Highway-v0``; an
+            object is called for each world.
+        reward: A function, as for ``drl_av/Highway-v0``, that is called for each world.
         action_mask: Whether ``info`` holds the action masks, shape (num_envs, 12), int8.
         autoreset_mode: When an episode that is over begins again: at the next step, as gymnasium's
             vector environments do by default, in the same step, or not at all.
@@ -79,7 +87,8 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         safety_check: str | None = None,
         config: Config | Mapping[str, Any] | str | Path | None = None,
         action_mask: bool = True,
-        observation: Sequence[str] | None = None,
+        observation: str | Iterable[str] | ObservationFunction | None = None,
+        reward: str | RewardFunction | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
     ) -> None:
@@ -93,13 +102,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                     f"({', '.join(CHECK_NUMBERS)}): name one, or take gymnasium.make."
                 )
             config = config.updated("safety", check=safety_check)
-        self.config = config
-        self._scenario = load_scenario(find_scenario(config.simulation.scenario))
-        self.road = self._scenario.road
-        self.task = task_of(self._scenario, config)
-        self.open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
+        WorldArrays.__init__(self, config)
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
-        self._observe = group_observation(observation, scale, config.observation)
+        groups = default_groups(config.observation) if observation is None else observation
+        self._observe = observation_function(custom_observation_of(groups), scale)
+        self._reward = None if reward is None else custom_reward_of(reward)
         self.single_observation_space = self._observe.space
         self.single_action_space = gymnasium.spaces.Discrete(len(ACTIONS))
         require_numbers(num_envs=(num_envs, 1, None), threads=(threads, 1, None))
@@ -128,12 +135,6 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         """The outcome of each ego's route."""
         self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
         self._pool = ThreadPoolExecutor(self._chunks) if self._chunks > 1 else None
-
-    def _make_arrays(self, vehicles: int, events: int) -> None:
-        """Make the arrays of all worlds for so many vehicles and events in one."""
-        worlds, steps = self.num_envs, self.config.simulation.steps_per_decision
-        self.worlds = empty_worlds(worlds, vehicles, self.task.net.lanes)
-        self.episodes = empty_episodes(worlds, vehicles, steps, events)
 
     def reset(
         self,
@@ -172,7 +173,9 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             gymnasium.error.ResetNeeded: no episode has begun, or one is over that is not reset by
                 itself.
         """
-        proposed = self._proposed(actions)
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
+        proposed = actions_of_worlds(actions, self.num_envs)
         begins = self._over.copy()
         if begins.any() and not self._is_fork:
             if self.autoreset_mode == AutoresetMode.DISABLED:
@@ -181,6 +184,7 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
                 )
             self._begin(np.flatnonzero(begins), [None] * self.num_envs)
         rows = np.flatnonzero(~begins)
+        before = None if self._reward is None else self._seen(self._observations())
         executed = self.episodes.executed[self._rows, proposed]
         rules = self.episodes.rules[self._rows, proposed]
         self._decide(rows, proposed)
@@ -200,6 +204,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         decided = proposed, executed, rules
         info |= step_info(self.episodes, self._over, self.ways, decided, self._ids, ~begins)
         observations = self._observations()
+        if self._reward is not None and before is not None:
+            now, outcome = self._seen(observations), (rewards, terminated, truncated)
+            for row in rows.tolist():
+                made = self._transition(row, (before[row], now[row]), decided, outcome)
+                rewards[row] = custom_reward(self._reward, made)
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
             observations = self._restart(observations, info)
         return observations, rewards, terminated, truncated, info
@@ -253,28 +262,6 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
         masks: npt.NDArray[np.int8] = (self.episodes.executed == np.arange(12)).astype(np.int8)
         return masks
 
-    def scene(self, row: int) -> Scene:
-        """Return the present scene of a world, which a driver or a check can read."""
-        ids, episodes = self._ids(row), self.episodes
-        now_s = float(self.worlds.near[row, STEP] * STEP_S)
-        snapshot = Snapshot(now_s, ids, *episodes.scene[row, :, : len(ids)].copy())
-        found = self._indicators(row)
-        origin, target = episodes.lanes[row].tolist()
-        change = LaneChange(origin, target, float(episodes.heading_rad[row]))
-        return Scene.of(snapshot, found, None if origin == target else change, self.road)
-
-    def _indicators(self, row: int) -> Indicators:
-        """Return the indicators of the present scene of a world."""
-        task, values, codes = self.task, self.episodes.values[row], self.episodes.codes[row]
-        ground = ground_of(task.road), task.range_m, task.road.speed_limits
-        return Indicators(values.copy(), codes.copy(), *ground)
-
-    def _ids(self, row: int) -> tuple[str, ...]:
-        """Return the names of the vehicles in a world."""
-        if self.open is not None:
-            return self.open.fleets[row].ids
-        return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
-
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
         if self._pool is not None:
@@ -283,6 +270,11 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
 
     def _observations(self) -> Observations:
         """Return a copy of the present observations."""
+        if not isinstance(self._observe, GroupObservation):
+            space = self.single_observation_space
+            each = [self._observe(self.scene(row)) for row in range(self.num_envs)]
+            room: Any = create_empty_array(space, self.num_envs)
+            return concatenate(space, each, room)
         episodes, (origin, target) = self.episodes, self.episodes.lanes.T
         seen = episodes.observation, episodes.values, episodes.codes
         return self._observe.of_worlds(*seen, target - origin, self.task.road.barriers)
@@ -290,22 +282,27 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
     def _restart(self, last: Observations, info: dict[str, Any]) -> Observations:
         """Reset the worlds whose episode is over; their last scene goes to ``info``."""
         over = self._over.copy()
-        info |= with_final(info, last, over)
+        info |= with_final(info, iterate(self.observation_space, last), over)
         self._begin(np.flatnonzero(over), [None] * self.num_envs)
         info |= self._info()
         return self._observations()
 
-    def _proposed(self, actions: Any) -> npt.NDArray[np.int64]:
-        """Return the proposed actions; raise ConfigError or ResetNeeded if they are refused."""
-        if not self._begun:
-            raise gymnasium.error.ResetNeeded("There is no episode to drive on in: call reset.")
-        given = np.asarray(actions)
-        right = given.shape == (self.num_envs,) and given.dtype.kind in "iu"
-        if not right or given.min() < 0 or given.max() >= len(ACTIONS):
-            raise ConfigError(
-                f"The actions must be {self.num_envs} whole numbers from 0 to {len(ACTIONS) - 1}."
-            )
-        return given.astype(np.int64)
+    def _seen(self, observations: Observations) -> list[tuple[Scene, Any]]:
+        """Return the present scene of each world, with its observation."""
+        each = iterate(self.observation_space, observations)
+        return [*zip(map(self.scene, range(self.num_envs)), each, strict=True)]
+
+    def _transition(
+        self,
+        row: int,
+        seen: tuple[tuple[Scene, Any], tuple[Scene, Any]],
+        decided: Decided,
+        outcome: tuple[npt.NDArray[Any], ...],
+    ) -> Transition:
+        """Return the record of a world's decision."""
+        missed = self.open is not None and self.open.misses_exit(row, self._indicators(row))
+        route = self.ways[row], missed
+        return transition_of(row, self.episodes, seen, decided, outcome, route)
 
     def _begin(self, rows: npt.NDArray[np.intp], seeds: Sequence[int | None]) -> None:
         """Start an episode in each of the worlds ``rows``."""
@@ -340,58 +337,6 @@ class TwinVectorEnv(VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[A
             for row in rows.tolist():
                 self.open.begin(row, self._indicators(row))
         self.ways[rows] = ""
-
-    def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
-        """Set the random events of a world that are to come."""
-        self.make_room(0, len(events))
-        self.episodes.events[row, : len(events)] = events
-        self.episodes.next_event[row] = 0, len(events)
-
-    def make_room(self, vehicles: int, events: int) -> None:
-        """Enlarge the arrays if they have no room for so many vehicles and events in a world."""
-        room = self.worlds.x.shape[2], self.episodes.events.shape[1]
-        if vehicles <= room[0] and events <= room[1]:
-            return
-        old_worlds, old_episodes = self.worlds, self.episodes
-        self._make_arrays(max(vehicles, room[0]), max(events, room[1]))
-        old: tuple[Any, ...] = (*old_worlds, *old_episodes)
-        new: tuple[Any, ...] = (*self.worlds, *self.episodes)
-        for before, after in zip(old, new, strict=True):
-            after[tuple(map(slice, before.shape))] = before
-
-    def world(self, row: int) -> World:
-        """Return the arrays of one world."""
-        return World(*(array[row] for array in self.worlds))
-
-    def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
-        """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
-        if self.open is None:
-            self._decide_all(rows, proposed)
-            return
-        net, fleets = self.task.net, self.open.fleets
-        for row in rows.tolist():
-            request_random_changes(self.world(row), net, fleets[row], self.episodes.scene[row, 1])
-        self._decide_all(rows, proposed)
-        self.kept.clear()
-        for row in rows.tolist():
-            exchanged = leaving_and_entering(self.world(row), fleets[row], self.episodes.scene[row])
-            if exchanged is not None:
-                self.make_room(int(self.worlds.near[row, COUNT]) + len(exchanged[1]), 0)
-                exchange_vehicles(self.world(row), net, fleets[row], *exchanged)
-                self.vehicles[row] = len(fleets[row].ids) - 1
-                self.kept[row] = exchanged[0]
-        look_all(self.worlds, self.episodes, self.task, np.array([*self.kept], np.int64))
-
-    def _decide_all(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
-        """Execute the decisions of the worlds ``rows``, divided over the threads."""
-        given = self.worlds, self.episodes, self.task
-        if self._pool is None or len(rows) < 2 * self._chunks:
-            decide_all(*given, rows.astype(np.int64), proposed)
-            return
-        parts = np.array_split(rows.astype(np.int64), self._chunks)
-        jobs = [self._pool.submit(decide_all, *given, part, proposed) for part in parts]
-        for job in jobs:
-            job.result()
 
     def _info(self) -> dict[str, Any]:
         """Return what ``reset`` and ``step`` have in common of ``info``."""

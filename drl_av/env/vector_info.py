@@ -1,20 +1,26 @@
-"""The ``info`` of many worlds at once, with the names and meanings of ``HighwayEnv``."""
+"""What many worlds say of a decision, ``info`` and transitions, as ``HighwayEnv`` says it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.driving.actions import ACTIONS
+from drl_av.driving.scene import Scene
+from drl_av.env.reward import Rewards
 from drl_av.env.route_outcome import COMPLETE
+from drl_av.env.transition import Transition
 from drl_av.env.twin_episodes import Episodes
+from drl_av.road.snapshot import Collision
 from drl_av.road.sweep import KINDS, NO_CONTACT
 from drl_av.safety.check import RULES
 
 Flags = npt.NDArray[np.bool_]
 Words = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
-Observations = npt.NDArray[np.float32]
+Decided = tuple[Numbers, Numbers, Numbers]
+"""The numbers of the proposed and of the executed actions, and the rules, shape (worlds,) each."""
 RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
 COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
 """By number; -1, no collision, is the last."""
@@ -26,11 +32,16 @@ def marked(info: dict[str, Any], present: Flags) -> dict[str, Any]:
     return info | {f"_{name}": present for name in info}
 
 
-def with_final(info: dict[str, Any], last: Observations, over: Flags) -> dict[str, Any]:
-    """Return ``info`` and what gymnasium keeps of the episodes that are over and begin again."""
+def with_final(info: dict[str, Any], last: Iterable[Any], over: Flags) -> dict[str, Any]:
+    """Return ``info`` and what gymnasium keeps of the episodes that are over and begin again.
+
+    ``last`` has each world's observation.
+    """
     kept = [row if ended else None for row, ended in zip(last, over, strict=True)]
     final = {name: value.copy() for name, value in info.items() if isinstance(value, np.ndarray)}
-    ends = {"final_obs": np.array(kept, dtype=object), "final_info": final}
+    final_obs = np.full(len(kept), None, dtype=object)
+    final_obs[:] = kept
+    ends = {"final_obs": final_obs, "final_info": final}
     return info | marked(ends, over)
 
 
@@ -59,7 +70,7 @@ def step_info(
     episodes: Episodes,
     over: Flags,
     ways: Words,
-    decided: tuple[Numbers, Numbers, Numbers],
+    decided: Decided,
     ids: Callable[[int], Sequence[str]],
     present: Flags,
 ) -> dict[str, Any]:
@@ -69,7 +80,7 @@ def step_info(
         episodes: The episodes after the decisions.
         over: Which of them are over, shape (worlds,).
         ways: The outcomes of the egos' routes.
-        decided: The numbers of the proposed and of the executed actions, and the rules.
+        decided: What they decided.
         ids: Returns the names of the vehicles in a world.
         present: Which worlds have made a decision.
     """
@@ -92,3 +103,43 @@ def step_info(
         "collided_with": names,
     }
     return marked(info, present)
+
+
+def transition_of(
+    row: int,
+    episodes: Episodes,
+    seen: tuple[tuple[Scene, Any], tuple[Scene, Any]],
+    decided: Decided,
+    outcome: Sequence[npt.NDArray[Any]],
+    route: tuple[str, bool],
+) -> Transition:
+    """Return the record of a world's decision.
+
+    Args:
+        row: The world.
+        episodes: The episodes after the decisions.
+        seen: The world's scene and observation before the decision and after it.
+        decided: What the worlds decided.
+        outcome: The rewards, and whether the episodes terminated and were truncated.
+        route: The outcome of the ego's route, and whether it has missed its exit.
+    """
+    (scene, observation), (next_scene, next_observation) = seen
+    proposed, executed, rule = (int(each[row]) for each in decided)
+    kind, other = episodes.collision[row].tolist()
+    name = next_scene.snapshot.ids[other] if other > 0 else None
+    reward, terminated, truncated = (each[row].item() for each in outcome)
+    return Transition(
+        scene,
+        observation,
+        ACTIONS[proposed],
+        ACTIONS[executed],
+        RULES[rule],
+        next_scene,
+        next_observation,
+        None if kind == NO_CONTACT else Collision(KINDS[kind], name),
+        Rewards(*episodes.terms[row].tolist()),
+        reward,
+        terminated,
+        truncated,
+        *route,
+    )

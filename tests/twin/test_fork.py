@@ -13,6 +13,7 @@ from drl_av.drivers.registry import load_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
+from drl_av.safety.check import Rule, Verdict
 from drl_av.twin.worlds import BRAKING, DRIVER_STATE
 
 TWIN = Config().with_traffic("calm").updated("simulation", world="twin")
@@ -236,8 +237,8 @@ def test_the_copies_of_a_named_environment_observe_what_it_does(world: str) -> N
         assert found == pytest.approx(np.stack([observation] * 2), abs=0.02)
     with closing(gymnasium.make("drl_av/Highway-v0", observation="wide")) as env:
         env.reset(seed=1)
-        with pytest.raises(ConfigError, match="observe groups of indicators only"):
-            env.unwrapped.fork(2)  # type: ignore[attr-defined]
+        copies = env.unwrapped.fork(2)  # type: ignore[attr-defined]
+        assert copies.observation_space.shape == (2, *env.observation_space.shape)
 
 
 def test_on_an_open_road_other_vehicles_enter_where_the_future_is_not_known() -> None:
@@ -329,9 +330,10 @@ def test_a_driver_searches_among_copies(twin: HighwayEnv) -> None:
 def test_what_cannot_be_copied_is_refused() -> None:
     with closing(HighwayEnv()) as env, pytest.raises(gymnasium.error.ResetNeeded):
         env.fork(2)
-    with closing(HighwayEnv(reward=lambda made: 0.0)) as env:
+    permits = lambda scene, proposed: Verdict(proposed, Rule.NONE)  # noqa: E731
+    with closing(HighwayEnv(safety_check=permits)) as env:
         env.reset(seed=1)
-        with pytest.raises(ConfigError, match="reward or observation of yours"):
+        with pytest.raises(ConfigError, match="no safety check of yours"):
             env.fork(2)
     with closing(HighwayEnv()) as env:
         env.reset(seed=1)

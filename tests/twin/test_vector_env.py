@@ -100,7 +100,8 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
     ("settings", "words"),
     [
         ({"scenario": "barricade"}, "places exactly"),
-        ({"observation": "wide"}, "groups of indicators only"),
+        ({"observation": 7}, "must be wide, names of groups"),
+        ({"reward": 7}, "must be a function"),
         ({"config": Config().updated("simulation", step_length_s=0.25)}, "step_length_s"),
         ({"safety_check": lambda scene, proposed: None}, "named checks"),
     ],

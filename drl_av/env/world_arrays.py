@@ -1,0 +1,128 @@
+"""The arrays of many worlds of the twin: the worlds decide, and their scenes are read."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drl_av.config import Config
+from drl_av.driving.affordances import Indicators, ground_of
+from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.open_worlds import (
+    OpenWorlds,
+    exchange_vehicles,
+    leaving_and_entering,
+    request_random_changes,
+)
+from drl_av.env.twin_episodes import Episodes, decide_all, empty_episodes, look_all, task_of
+from drl_av.road.snapshot import EGO_ID, Snapshot
+from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.twin.following import STEP_S
+from drl_av.twin.worlds import COUNT, STEP, World, Worlds, empty_worlds
+
+
+class WorldArrays:
+    """The worlds of a config; ``make_vec`` makes their episodes of them.
+
+    Raises:
+        ConfigError: the twin cannot do what the settings ask.
+    """
+
+    num_envs: int
+    worlds: Worlds
+    episodes: Episodes
+    vehicles: npt.NDArray[np.int64]
+    """The vehicles besides the ego in each world."""
+    kept: dict[int, Sequence[int]]
+    """The former rows of the vehicles that stay, by world, where some have entered or left."""
+    _chunks: int
+    _pool: ThreadPoolExecutor | None
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self._scenario = load_scenario(find_scenario(config.simulation.scenario))
+        self.road = self._scenario.road
+        self.task = task_of(self._scenario, config)
+        self.open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
+
+    def _make_arrays(self, vehicles: int, events: int) -> None:
+        """Make the arrays of all worlds for so many vehicles and events in one."""
+        worlds, steps = self.num_envs, self.config.simulation.steps_per_decision
+        self.worlds = empty_worlds(worlds, vehicles, self.task.net.lanes)
+        self.episodes = empty_episodes(worlds, vehicles, steps, events)
+
+    def scene(self, row: int) -> Scene:
+        """Return the present scene of a world, which a driver or a check can read."""
+        ids, episodes = self._ids(row), self.episodes
+        now_s = float(self.worlds.near[row, STEP] * STEP_S)
+        snapshot = Snapshot(now_s, ids, *episodes.scene[row, :, : len(ids)].copy())
+        found = self._indicators(row)
+        origin, target = episodes.lanes[row].tolist()
+        change = LaneChange(origin, target, float(episodes.heading_rad[row]))
+        return Scene.of(snapshot, found, None if origin == target else change, self.road)
+
+    def _indicators(self, row: int) -> Indicators:
+        """Return the indicators of the present scene of a world."""
+        task, values, codes = self.task, self.episodes.values[row], self.episodes.codes[row]
+        ground = ground_of(task.road), task.range_m, task.road.speed_limits
+        return Indicators(values.copy(), codes.copy(), *ground)
+
+    def _ids(self, row: int) -> tuple[str, ...]:
+        """Return the names of the vehicles in a world."""
+        if self.open is not None:
+            return self.open.fleets[row].ids
+        return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
+
+    def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
+        """Set the random events of a world that are to come."""
+        self.make_room(0, len(events))
+        self.episodes.events[row, : len(events)] = events
+        self.episodes.next_event[row] = 0, len(events)
+
+    def make_room(self, vehicles: int, events: int) -> None:
+        """Enlarge the arrays if they have no room for so many vehicles and events in a world."""
+        room = self.worlds.x.shape[2], self.episodes.events.shape[1]
+        if vehicles <= room[0] and events <= room[1]:
+            return
+        old_worlds, old_episodes = self.worlds, self.episodes
+        self._make_arrays(max(vehicles, room[0]), max(events, room[1]))
+        old: tuple[Any, ...] = (*old_worlds, *old_episodes)
+        new: tuple[Any, ...] = (*self.worlds, *self.episodes)
+        for before, after in zip(old, new, strict=True):
+            after[tuple(map(slice, before.shape))] = before
+
+    def world(self, row: int) -> World:
+        """Return the arrays of one world."""
+        return World(*(array[row] for array in self.worlds))
+
+    def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
+        """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
+        if self.open is None:
+            self._decide_all(rows, proposed)
+            return
+        net, fleets = self.task.net, self.open.fleets
+        for row in rows.tolist():
+            request_random_changes(self.world(row), net, fleets[row], self.episodes.scene[row, 1])
+        self._decide_all(rows, proposed)
+        self.kept.clear()
+        for row in rows.tolist():
+            exchanged = leaving_and_entering(self.world(row), fleets[row], self.episodes.scene[row])
+            if exchanged is not None:
+                self.make_room(int(self.worlds.near[row, COUNT]) + len(exchanged[1]), 0)
+                exchange_vehicles(self.world(row), net, fleets[row], *exchanged)
+                self.vehicles[row] = len(fleets[row].ids) - 1
+                self.kept[row] = exchanged[0]
+        look_all(self.worlds, self.episodes, self.task, np.array([*self.kept], np.int64))
+
+    def _decide_all(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
+        """Execute the decisions of the worlds ``rows``, divided over the threads."""
+        given = self.worlds, self.episodes, self.task
+        if self._pool is None or len(rows) < 2 * self._chunks:
+            decide_all(*given, rows.astype(np.int64), proposed)
+            return
+        parts = np.array_split(rows.astype(np.int64), self._chunks)
+        jobs = [self._pool.submit(decide_all, *given, part, proposed) for part in parts]
+        for job in jobs:
+            job.result()
