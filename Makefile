@@ -112,13 +112,14 @@ results: setup
 	$(BIN)/python -m verification.ramps_figure docs/results
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
-	$(call text,twin_equality.txt,-m verification.twin_equality)
+	$(call text,twin_equality.txt,-m verification.twin_equality --jobs 2)
+	$(call text,ablation.txt,-m studies.ablation)
 	$(call text,twin_open_roads.txt,-m verification.twin_roads)
 	$(call text,sharper.txt,-m verification.sharper)
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(call text,twin_costs.txt,tools/measure_twin.py)
-	$(call text,benchmark.txt,tools/benchmark.py --rounds 9)
+	$(call text,benchmark.txt,tools/benchmark.py --rounds 7)
 	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
 	$(BIN)/python tools/draw_stories.py docs/assets/stories

@@ -202,7 +202,7 @@ def barricade_table(folder: Path) -> str:
         "trainings",
         "episodes",
         "collisions with the barricade",
-        "learnt to avoid it",
+        "learned to avoid it",
     )
     ends = ("after hits", "chosen in the last 1,000 episodes", "trained driver hit it")
     return markdown_table([*names, *ends], lines)

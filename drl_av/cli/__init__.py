@@ -26,7 +26,11 @@ VERBS = {
     "scenario": Verb(
         "write a scenario folder for SUMO and drl-av", scenario.add_options, scenario.scenario
     ),
-    "train": Verb("train a driver (Algorithm 1)", learning.add_train_options, learning.train),
+    "train": Verb(
+        "train a driver (Algorithm 1, or PPO by a preset large)",
+        learning.add_train_options,
+        learning.train,
+    ),
     "evaluate": Verb(
         "compare drivers on the same seeded traffic", evaluate.add_options, evaluate.evaluate
     ),

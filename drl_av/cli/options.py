@@ -104,7 +104,7 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         "--world",
         choices=WORLDS,
         help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: "
-        "sumo; a training that is resumed keeps its own)",
+        "sumo, for a training that of its preset)",
     )
     parser.add_argument(
         "--safety-check",

@@ -9,7 +9,7 @@ from drl_av.config.section import Section, setting
 from drl_av.errors import ConfigError
 
 ONE_STRIP_M = 3.8
-"""From this ``lateral_resolution_m`` on, each lane is one strip (the lane width of Table I)."""
+"""From this ``lateral_resolution_m`` on, each lane is one strip: the lane width of the paper."""
 
 WORLDS = ("sumo", "twin")
 

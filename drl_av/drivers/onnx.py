@@ -85,12 +85,14 @@ def inputs_of(is_checked: bool) -> Sequence[Port]:
 
 def described() -> str:
     """Return one paragraph on the inputs, the outputs and the content of an exported driver."""
-    words = [
+    ports = [
         f"{kind} {port.name}, {port.dtype} ({', '.join(map(str, port.shape))}): {port.meaning}."
-        for kind, ports in (("Input", INPUTS), ("Output", OUTPUTS))
-        for port in ports
+        for kind, of_kind in (("Input", INPUTS), ("Output", OUTPUTS))
+        for port in of_kind
     ]
-    return " ".join([*words, INSIDE])
+    algorithm_1 = "The file of a driver of Algorithm 1, such as pretrained-paper:"
+    ppo = "That of a driver of PPO, such as pretrained, has others, which the export prints."
+    return " ".join([algorithm_1, *ports, INSIDE, ppo])
 
 
 def metadata(config: Config) -> dict[str, str]:

@@ -81,7 +81,7 @@ class RoadDescription(ABC):
     """What the descriptions of all kinds of roads have: frozen dataclasses with these fields.
 
     lanes: number of lanes (ours)
-    lane_width_m: width of a lane, metres (Table I)
+    lane_width_m: width of a lane, metres (Sec. IV-C: y_des is 3.8 m in the centre lane)
     speed_limit_m_s: speed limit, m/s (ours)
     vehicle_length_m: length of a vehicle, metres (ours)
     vehicle_width_m: width of a vehicle, metres (ours)
