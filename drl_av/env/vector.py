@@ -202,7 +202,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
                 self.ways[row] = self.open.way(row, self._indicators(row), bool(self._over[row]))
         info = self._info()
         decided = proposed, executed, rules
-        info |= step_info(self.episodes, self._over, self.ways, decided, self._ids, ~begins)
+        info |= step_info(
+            self.episodes, self._over, self.ways, decided, self.collided_with, ~begins
+        )
         observations = self._observations()
         if self._reward is not None and before is not None:
             now, outcome = self._seen(observations), (rewards, terminated, truncated)
@@ -302,7 +304,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """Return the record of a world's decision."""
         missed = self.open is not None and self.open.misses_exit(row, self._indicators(row))
         route = self.ways[row], missed
-        return transition_of(row, self.episodes, seen, decided, outcome, route)
+        name = self.collided_with[row]
+        return transition_of(row, self.episodes, seen, decided, outcome, route, name)
 
     def _begin(self, rows: npt.NDArray[np.intp], seeds: Sequence[int | None]) -> None:
         """Start an episode in each of the worlds ``rows``."""

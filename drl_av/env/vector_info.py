@@ -1,6 +1,6 @@
 """What many worlds say of a decision, ``info`` and transitions, as ``HighwayEnv`` says it."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,7 +71,7 @@ def step_info(
     over: Flags,
     ways: Words,
     decided: Decided,
-    ids: Callable[[int], Sequence[str]],
+    collided_with: Words,
     present: Flags,
 ) -> dict[str, Any]:
     """Return what only a step has in ``info``.
@@ -81,13 +81,11 @@ def step_info(
         over: Which of them are over, shape (worlds,).
         ways: The outcomes of the egos' routes.
         decided: What they decided.
-        ids: Returns the names of the vehicles in a world.
+        collided_with: The names of the vehicles with which the egos collided, or "".
         present: Which worlds have made a decision.
     """
-    kind, other = episodes.collision.T
-    hits, names = kind != NO_CONTACT, np.full(len(kind), "", dtype=object)
-    for row in np.flatnonzero(hits & (other > 0)).tolist():
-        names[row] = ids(row)[other[row]]
+    kind = episodes.collision[:, 0]
+    hits = kind != NO_CONTACT
     proposed, executed, rules = decided
     r_v, r_y, r_x = episodes.terms.T.copy()
     info: dict[str, Any] = {
@@ -100,7 +98,7 @@ def step_info(
         "rule": RULE_WORDS[rules],
         "rewards": marked({"r_v": r_v, "r_y": r_y, "r_x": r_x}, present),
         "collision": COLLISION_WORDS[kind],
-        "collided_with": names,
+        "collided_with": collided_with,
     }
     return marked(info, present)
 
@@ -112,6 +110,7 @@ def transition_of(
     decided: Decided,
     outcome: Sequence[npt.NDArray[Any]],
     route: tuple[str, bool],
+    collided_with: str,
 ) -> Transition:
     """Return the record of a world's decision.
 
@@ -122,11 +121,11 @@ def transition_of(
         decided: What the worlds decided.
         outcome: The rewards, and whether the episodes terminated and were truncated.
         route: The outcome of the ego's route, and whether it has missed its exit.
+        collided_with: The name of the vehicle with which the ego collided, or "".
     """
     (scene, observation), (next_scene, next_observation) = seen
     proposed, executed, rule = (int(each[row]) for each in decided)
-    kind, other = episodes.collision[row].tolist()
-    name = next_scene.snapshot.ids[other] if other > 0 else None
+    kind = int(episodes.collision[row, 0])
     reward, terminated, truncated = (each[row].item() for each in outcome)
     return Transition(
         scene,
@@ -136,7 +135,7 @@ def transition_of(
         RULES[rule],
         next_scene,
         next_observation,
-        None if kind == NO_CONTACT else Collision(KINDS[kind], name),
+        None if kind == NO_CONTACT else Collision(KINDS[kind], collided_with or None),
         Rewards(*episodes.terms[row].tolist()),
         reward,
         terminated,

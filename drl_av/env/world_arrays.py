@@ -18,6 +18,7 @@ from drl_av.env.open_worlds import (
 )
 from drl_av.env.twin_episodes import Episodes, decide_all, empty_episodes, look_all, task_of
 from drl_av.road.snapshot import EGO_ID, Snapshot
+from drl_av.road.sweep import NO_CONTACT
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.following import STEP_S
 from drl_av.twin.worlds import COUNT, STEP, World, Worlds, empty_worlds
@@ -37,6 +38,8 @@ class WorldArrays:
     """The vehicles besides the ego in each world."""
     kept: dict[int, Sequence[int]]
     """The former rows of the vehicles that stay, by world, where some have entered or left."""
+    collided_with: npt.NDArray[Any]
+    """The name of the vehicle with which each ego collided in its last decision, or ""."""
     _chunks: int
     _pool: ThreadPoolExecutor | None
 
@@ -99,13 +102,13 @@ class WorldArrays:
 
     def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
-        if self.open is None:
-            self._decide_all(rows, proposed)
-            return
-        net, fleets = self.task.net, self.open.fleets
-        for row in rows.tolist():
+        net, fleets = self.task.net, self.open.fleets if self.open else {}
+        for row in rows.tolist() if self.open else ():
             request_random_changes(self.world(row), net, fleets[row], self.episodes.scene[row, 1])
         self._decide_all(rows, proposed)
+        self.collided_with = self._struck()
+        if self.open is None:
+            return
         self.kept.clear()
         for row in rows.tolist():
             exchanged = leaving_and_entering(self.world(row), fleets[row], self.episodes.scene[row])
@@ -115,6 +118,14 @@ class WorldArrays:
                 self.vehicles[row] = len(fleets[row].ids) - 1
                 self.kept[row] = exchanged[0]
         look_all(self.worlds, self.episodes, self.task, np.array([*self.kept], np.int64))
+
+    def _struck(self) -> npt.NDArray[Any]:
+        """Return ``collided_with``, before any vehicle leaves the road."""
+        kind, other = self.episodes.collision.T
+        names = np.full(self.num_envs, "", dtype=object)
+        for row in np.flatnonzero((kind != NO_CONTACT) & (other > 0)).tolist():
+            names[row] = self._ids(row)[other[row]]
+        return names
 
     def _decide_all(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, divided over the threads."""

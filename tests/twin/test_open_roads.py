@@ -208,3 +208,19 @@ def test_a_lane_that_ends_is_braked_for_in_many_worlds_too() -> None:
             stopped_m = min(stopped_m, float(scene.snapshot.s_m[0]) + 2.5)
     assert hits == 0
     assert 740.0 < stopped_m <= 750.0
+
+
+def test_a_collision_names_its_vehicle_although_others_leave_in_the_same_decision() -> None:
+    worlds = TwinVectorEnv(200, "exit", "permit_all", CALM, autoreset_mode="Disabled")
+    worlds.reset(seed=3_000_000)
+    rng, exchanged = np.random.default_rng(1), 0
+    for _ in range(8):
+        _, _, terminated, truncated, info = worlds.step(rng.integers(12, size=200))
+        for row in np.flatnonzero(info["collided_with"] != "").tolist():
+            shot = worlds.scene(row).snapshot
+            other = shot.ids.index(info["collided_with"][row])
+            assert abs(shot.s_m[other] - shot.s_m[0]) < 20.0
+            exchanged += row in worlds.kept
+        over = terminated | truncated
+        worlds.reset(options={"reset_mask": over})
+    assert exchanged > 3
