@@ -204,13 +204,20 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
 
 def measure(runs: Path, job: tuple[str, int]) -> list[Row]:
     """Return the rows of one policy, a row for each kind of traffic."""
-    rows = []
-    for kind in SINGLE_PRESETS:
-        found, hits = speeds(kind, _policy_file(runs, job), VARIANTS[job[0]].worlds)
-        gains = (found - np.load(_rule_file(runs, kind))).ravel()
-        half = 1.96 * gains.std(ddof=1) / gains.size**0.5
-        rows.append(Row(*job, kind, round(gains.mean(), 4), round(half, 4), hits))
-    return rows
+    base, policy = VARIANTS[job[0]].worlds, _policy_file(runs, job)
+    found = [gain(runs, kind, policy, base) for kind in SINGLE_PRESETS]
+    return [Row(*job, *row) for row in zip(SINGLE_PRESETS, *zip(*found, strict=True), strict=True)]
+
+
+def gain(runs: Path, kind: str, policy: Path, base: type[TwinWorlds]) -> tuple[float, float, int]:
+    """Return the gain of a policy in a kind of traffic, half of its interval, and the ego's hits.
+
+    ``runs`` has what ``drive_rule`` wrote.
+    """
+    found, hits = speeds(kind, policy, base)
+    gains = (found - np.load(_rule_file(runs, kind))).ravel()
+    half = 1.96 * gains.std(ddof=1) / gains.size**0.5
+    return round(gains.mean(), 4), round(half, 4), hits
 
 
 def drive_rule(runs: Path, kind: str) -> None:

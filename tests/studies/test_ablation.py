@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from programs import InPlace
 
 from drl_av.config import SINGLE_PRESETS
 from drl_av.files import read_table
@@ -58,18 +59,3 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ablation.main([*words, "--variants", "calm"])
     assert policy.stat().st_mtime_ns == made
     assert read_table(tmp_path / "out.csv") == first
-
-
-class InPlace:
-    """A pool of no processes."""
-
-    def __init__(self, jobs: int) -> None:
-        pass
-
-    def __enter__(self) -> "InPlace":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    map = staticmethod(map)

@@ -1,0 +1,128 @@
+"""Trains the preset ``large`` anew with several seeds, and measures what it gains as it learns.
+
+``python -m studies.scale`` does not train a seed again whose policies exist, nor make a row again.
+A policy drives in the twin under ``strict``, beside ``gap-mobil`` in the same traffic.
+"""
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from drl_av.config import SINGLE_PRESETS
+from drl_av.config.presets import PRESETS
+from drl_av.evaluation.figure_style import one_panel, save_figure
+from drl_av.files import append_rows, column_types, read_table
+from drl_av.learning.large_scale import TwinWorlds, learner_of, save_actor
+from studies.ablation import drive_rule, gain
+from studies.options import RESULTS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+POINTS = 500_000, 1_000_000, 2_000_000, 5_000_000, 10_000_000, 20_000_000
+"""Decisions after which a policy is kept, each rounded down to whole updates; the last ends it."""
+
+
+class Row(NamedTuple):
+    """What a policy gains over ``gap-mobil``, in one kind of traffic."""
+
+    seed: int
+    decisions: int
+    traffic: str
+    gain_m_s: float
+    """Mean over 5 to 25 vehicles of the difference of the mean speeds, paired by traffic seed."""
+    half_width_m_s: float
+    """Half of the gain's 95 % interval."""
+    ego_hits: int
+
+
+def train(runs: Path, seed: int) -> None:
+    """Train the preset with a seed, and keep its policies."""
+    if _policy_file(runs, seed, POINTS[-1]).exists():
+        return
+    config = PRESETS["large"].updated("learning", seed=seed)
+    learner, batch = learner_of(config, TwinWorlds(config, seed)), config.ppo.batch_size
+    for point in POINTS:
+        while learner.num_timesteps < point // batch * batch:
+            learner.learn(batch, reset_num_timesteps=False)
+        save_actor(_policy_file(runs, seed, point), learner, config)
+
+
+def measure(runs: Path, job: tuple[int, int]) -> list[Row]:
+    """Return the rows of one policy, a row for each kind of traffic."""
+    policy = _policy_file(runs, *job)
+    found = [gain(runs, kind, policy, TwinWorlds) for kind in SINGLE_PRESETS]
+    return [Row(*job, *row) for row in zip(SINGLE_PRESETS, *zip(*found, strict=True), strict=True)]
+
+
+def _policy_file(runs: Path, seed: int, decisions: int) -> Path:
+    return runs / f"{seed}-{decisions}.safetensors"
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the gains of each seed at the end of its training, and the least of each column."""
+    heads, lines = [*SINGLE_PRESETS, "mean"], []
+    ends = [row for row in rows if row["decisions"] == POINTS[-1]]
+    found = []
+    for seed in sorted({row["seed"] for row in ends}):
+        its = {row["traffic"]: row for row in ends if row["seed"] == seed}
+        gains = [its[kind]["gain_m_s"] for kind in SINGLE_PRESETS]
+        found.append([*gains, float(np.mean(gains))])
+        hits = sum(row["ego_hits"] for row in its.values())
+        lines.append(_line(str(seed), found[-1]) + f"{hits:11d}")
+    head = "seed ".rjust(6) + "".join(head.rjust(13) for head in heads) + "   ego hits"
+    return "\n".join([head, *lines, _line("worst", np.min(found, axis=0).tolist())])
+
+
+def _line(name: str, gains: Sequence[float]) -> str:
+    return name.rjust(6) + "".join(f"{gain:13.2f}" for gain in gains)
+
+
+def figure(rows: Sequence[dict[str, Any]]) -> "Figure":
+    """Draw the mean gain of the kinds of traffic as the trainings go on; bold is their mean."""
+    made, axes = one_panel("decisions, millions", "gain over gap-mobil, m/s")
+    curves = []
+    for seed in sorted({row["seed"] for row in rows}):
+        its = [row for row in rows if row["seed"] == seed]
+        at = [[row["gain_m_s"] for row in its if row["decisions"] == point] for point in POINTS]
+        curves.append([np.mean(gains) for gains in at])
+        axes.plot(np.array(POINTS) / 1e6, curves[-1], color="#0072b2", alpha=0.4, linewidth=0.9)
+    axes.plot(np.array(POINTS) / 1e6, np.mean(curves, axis=0), color="#0072b2", linewidth=2.2)
+    axes.set_xscale("log")
+    axes.set_xticks([point / 1e6 for point in POINTS], [f"{point / 1e6:g}" for point in POINTS])
+    axes.minorticks_off()
+    axes.axhline(0, color="#888888", linewidth=1)
+    return made
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser("python -m studies.scale", description=__doc__)
+    parser.add_argument("--seeds", nargs="+", type=int, default=[*range(5)])
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--runs", type=Path, default=Path("runs/studies/scale"))
+    parser.add_argument("--out", type=Path, default=RESULTS / "scale.csv")
+    given = parser.parse_args(words)
+    given.runs.mkdir(parents=True, exist_ok=True)
+    rows = read_table(given.out, column_types(Row), growing=True)
+    known = {(row["seed"], row["decisions"]) for row in rows}
+    missing = [(s, point) for s in given.seeds for point in POINTS if (s, point) not in known]
+    if missing:
+        with ProcessPoolExecutor(given.jobs) as pool:
+            list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
+            list(pool.map(partial(train, given.runs), dict(missing)))
+            for found in pool.map(partial(measure, given.runs), missing):
+                append_rows(given.out, Row, found)
+    rows = read_table(given.out, column_types(Row))
+    save_figure(figure(rows), given.out.with_suffix(".png"))
+    print("gain over gap-mobil under strict, m/s, in the twin, at the end of each training")
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()
