@@ -23,12 +23,16 @@ def is_factory(word: str) -> bool:
 def import_function(word: str, what: str) -> Any:
     """Import the function ``module:name``; Python searches the working directory first.
 
+    From then on it also searches it last, for what the function itself imports when it is called.
     ``what`` says for the error message what the function makes or is, such as "driver".
 
     Raises:
         ConfigError: the module or the function does not exist, or the module cannot be imported.
     """
     module, _, name = word.partition(":")
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)
     try:
         with _working_directory_first():
             return getattr(importlib.import_module(module), name)

@@ -85,6 +85,15 @@ def checks(rows: list[EpisodeResult]) -> dict[str, str]:
     return {row.driver: row.safety_check for row in rows}
 
 
+def test_a_factory_may_import_its_neighbour_when_it_is_called(here: Path, mine: str) -> None:
+    (here / "neighbour_of_mine.py").write_text("from mine_doors import Brakes\n")
+    (here / "late_doors.py").write_text(
+        "def late(config):\n    from neighbour_of_mine import Brakes\n    return Brakes()\n"
+    )
+    rows = drl_av.evaluate(["late_doors:late"], vehicles=3, episodes=1, config=SHORT)
+    assert rows[0].driver == "late_doors:late"
+
+
 def test_a_driver_named_with_its_check_drives_under_it_whoever_is_beside_it() -> None:
     words = ["pretrained@paper", "idm@strict", "idm@permit_all", "gap-mobil"]
     rows = drl_av.evaluate(words, vehicles=20, episodes=2, config=SHORT, safety_check="strict")
