@@ -1,6 +1,6 @@
 """The rollout of one episode, for training, evaluation and replay."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from drl_av.drivers.driver import Driver
@@ -10,6 +10,9 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError
+
+Watcher = Callable[[Transition], None]
+"""A function that gets each decision of an episode."""
 
 
 def rollout(
@@ -56,14 +59,18 @@ def drive(
     seed: int,
     vehicles: int,
     make_metrics: Callable[[], EpisodeMetrics] = EpisodeMetrics,
+    watchers: Iterable[Watcher] = (),
 ) -> EpisodeResult:
     """Drive one episode to its end and return its metrics; ``name`` is the name of the driver.
+
+    Each watcher gets each decision.
 
     Raises:
         DrlAvError: as ``rollout``.
     """
     metrics = make_metrics()
     for decision in rollout(env, driver, seed, vehicles):
-        metrics.add(decision)
+        for watch in (metrics.add, *watchers):
+            watch(decision)
     result = metrics.result(name, env.check_name, vehicles, seed)
     return replace(result, world=env.config.simulation.world)

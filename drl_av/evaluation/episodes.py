@@ -219,7 +219,7 @@ class _Equipment:
         if recordings is None:
             result = drive(*driven, make_metrics)
         else:
-            recording, result = record_episode(*driven, make_metrics())
+            recording, result = record_episode(*driven, make_metrics)
             recordings.keep(recording, result)
         return replace(result, group=self._groups[name])
 

@@ -19,7 +19,7 @@ from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.env.rollout import rollout
+from drl_av.env.rollout import Watcher, drive
 from drl_av.env.transition import Transition
 from drl_av.errors import RecordingError, printable
 from drl_av.evaluation import NEAR_MISS_DRAC_M_S2, NEAR_MISS_TTC_S
@@ -29,8 +29,6 @@ from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
 
-Watcher = Callable[[Transition], None]
-"""A function that gets each decision of an episode."""
 COLUMNS = ("s_m", "y_m", "speed_m_s", "lateral_speed_m_s")
 """The columns of ``Recording.states``, which the file holds as ``columns``."""
 MAX_UNPACKED = 1_000_000_000
@@ -252,19 +250,17 @@ def record_episode(
     name: str,
     seed: int,
     vehicles: int,
-    metrics: EpisodeMetrics,
+    make_metrics: Callable[[], EpisodeMetrics] = EpisodeMetrics,
     watchers: Iterable[Watcher] = (),
 ) -> tuple[Recording, EpisodeResult]:
     """Drive one episode to its end; return its recording and its row.
 
-    Each watcher gets each decision. Raises DrlAvError as ``rollout``.
+    Each watcher gets each decision. Raises DrlAvError as ``drive``.
     """
     recorder = Recorder()
-    for decision in rollout(env, driver, seed, vehicles):
-        for watch in (recorder.add, metrics.add, *watchers):
-            watch(decision)
-    recording = recorder.recording(env.config, name, seed, env.ego_model)
-    return recording, metrics.result(name, env.check_name, vehicles, seed)
+    watching = recorder.add, *watchers
+    result = drive(env, driver, name, seed, vehicles, make_metrics, watching)
+    return recorder.recording(env.config, name, seed, env.ego_model), result
 
 
 class RecordingFolder(NamedTuple):

@@ -23,14 +23,15 @@ from drl_av.drivers.registry import DriverSpec, find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, custom_check
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.metrics import EpisodeResult
 from drl_av.env.renderer import next_caption
+from drl_av.env.rollout import Watcher
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, RecordingError
 from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import read_provenance
-from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, Watcher, record_episode
+from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, record_episode
 from drl_av.evaluation.table import report_corrupt_table, results_of, stored_config
 from drl_av.files import read_table
 from drl_av.road.road import Road
@@ -154,7 +155,7 @@ class ReplaySession:
             usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if self.vehicles is None else self.vehicles
             driven = record_episode(
-                env, self.driver, self.name, self.seed, vehicles, EpisodeMetrics(), watching
+                env, self.driver, self.name, self.seed, vehicles, watchers=watching
             )
             if follower is not None:
                 follower.end()

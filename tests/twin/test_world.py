@@ -65,6 +65,10 @@ def test_a_run_says_in_which_world_it_learned_and_is_evaluated_in_sumo_unless_to
     assert "Driven in the twin, not in SUMO." in capsys.readouterr().out
     rows = table.read_text().splitlines()
     assert [row.rpartition(",")[2] for row in rows] == ["world", "twin", "twin"]
+    recorded = [str(tmp_path / "recorded.csv"), "--record", str(tmp_path / "recordings")]
+    assert main([*job, *recorded, "--world", "twin"]) == 0
+    assert "Driven in the twin, not in SUMO." in capsys.readouterr().out
+    assert Path(recorded[0]).read_bytes() == table.read_bytes()
     assert main([*job, str(table)]) == 1
     assert "was made with other settings" in capsys.readouterr().err
 
@@ -84,7 +88,7 @@ def test_a_recording_of_the_twin_is_replayed_to_the_bit() -> None:
     config = TWIN.updated("simulation", **SHORT)
     session = ReplaySession(config, load_driver("gap-mobil"), "gap-mobil", 3, 20)
     recording, result = session.drive(None)
-    assert result.decisions == 40
+    assert (result.decisions, result.world) == (40, "twin")
     again, _ = replay_session(recording).drive(None)
     assert again.hash() == recording.hash()
 
