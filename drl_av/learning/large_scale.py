@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import VecEnv
 
 from drl_av.config import Config, LearningConfig
 from drl_av.config.learning import SPAN_M_S
@@ -33,6 +32,17 @@ from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.files import append_rows, table_bytes
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.worlds import IntArray
+
+try:
+    import torch
+    from sb3_contrib import MaskablePPO
+    from stable_baselines3.common.logger import Logger
+    from stable_baselines3.common.vec_env import VecEnv
+    from torch import nn
+except ImportError as error:
+    raise DrlAvError(
+        "Training at scale needs sb3-contrib, which is not installed: pip install 'drl-av[train]'."
+    ) from error
 
 Float32Array = npt.NDArray[np.float32]
 FloatArray = npt.NDArray[np.float64]
@@ -242,18 +252,6 @@ class TwinWorlds(VecEnv):
     def close(self) -> None:
         """Do nothing."""
 
-
-try:
-    import torch
-    from sb3_contrib import MaskablePPO
-    from stable_baselines3.common.logger import Logger
-    from torch import nn
-
-    from drl_av.learning.large_scale import TwinWorlds
-except ImportError as error:
-    raise DrlAvError(
-        "Training at scale needs sb3-contrib, which is not installed: pip install 'drl-av[train]'."
-    ) from error
 
 SAVES = 20
 """Number of times that a training saves its policy."""
