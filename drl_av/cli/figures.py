@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drl_av.cli.options import add_path
 from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
 from drl_av.drivers.groups import trainings_of
@@ -32,12 +33,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         choices=COLUMNS_IN,
         help="make the figures as wide as one or two columns of a paper, with text of 8 points",
     )
-    parser.add_argument(
-        "--time-space",
-        type=Path,
-        metavar="RECORDING",
-        help="draw each vehicle of a recorded episode: position against time, speed as colour",
-    )
+    meaning = "draw each vehicle of a recorded episode: position against time, speed as colour"
+    add_path(parser, "--time-space", "RECORDING", meaning)
     parser.add_argument(
         "--out",
         type=Path,

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 from drl_av.cli.options import (
     add_env_options,
+    add_flag,
+    add_number,
+    add_path,
     custom_parts,
     driver_words,
-    int_at_least,
     rate,
     with_command_line,
 )
@@ -61,53 +63,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="drive the worst episode of a table again, such as min_ttc_s, the smallest, or "
         "hard_brakes, the largest",
     )
-    parser.add_argument(
-        "--seed", type=int_at_least(0), metavar="S", help="traffic seed (default: 0)"
-    )
-    parser.add_argument(
-        "--vehicles",
-        type=int_at_least(0),
-        metavar="N",
-        help="vehicles around the ego (default: the scenario's number, or 15)",
-    )
-    parser.add_argument(
-        "--decisions",
-        type=int_at_least(1),
-        metavar="N",
-        help="largest number of decisions, one per second (default: the RUN's, 200)",
-    )
+    add_number(parser, "--seed", 0, "traffic seed (default: 0)", shown="S")
+    vehicles = "vehicles around the ego (default: the scenario's number, or 15)"
+    add_number(parser, "--vehicles", 0, vehicles)
+    most = "largest number of decisions, one per second (default: the RUN's, 200)"
+    add_number(parser, "--decisions", 1, most)
     how = parser.add_mutually_exclusive_group()
-    how.add_argument(
-        "--gui", action="store_true", help="show it in sumo-gui (default, unless it writes a file)"
-    )
-    how.add_argument(
-        "--video", type=Path, metavar="FILE.mp4", help="write a .mp4 or .gif video; needs no screen"
-    )
-    how.add_argument(
-        "--html", type=Path, metavar="FILE.html", help="write a page that plays in a browser"
-    )
-    how.add_argument(
-        "--sheet",
-        type=Path,
-        metavar="FILE.png",
-        help="with --worst: draw the critical moments of the ten worst episodes",
-    )
+    add_flag(how, "--gui", "show it in sumo-gui (default, unless it writes a file)")
+    add_path(how, "--video", "FILE.mp4", "write a .mp4 or .gif video; needs no screen")
+    add_path(how, "--html", "FILE.html", "write a page that plays in a browser")
+    sheet = "with --worst: draw the critical moments of the ten worst episodes"
+    add_path(how, "--sheet", "FILE.png", sheet)
     parser.add_argument(
         "--rate", type=rate, metavar="X", help=f"multiple of real time (default: {USUAL_RATE:g})"
     )
-    parser.add_argument("--record", type=Path, metavar="FILE.npz", help="save the episode")
-    parser.add_argument(
-        "--fcd",
-        type=Path,
-        metavar="FILE.xml",
-        help="let SUMO write its floating car data: each vehicle at each SUMO step",
-    )
-    parser.add_argument(
-        "--parquet",
-        type=Path,
-        metavar="FILE.parquet",
-        help="write drl_av.episode_frame: each vehicle at each decision; needs the extra parquet",
-    )
+    add_path(parser, "--record", "FILE.npz", "save the episode")
+    fcd = "let SUMO write its floating car data: each vehicle at each SUMO step"
+    add_path(parser, "--fcd", "FILE.xml", fcd)
+    frame = "write drl_av.episode_frame: each vehicle at each decision; needs the extra parquet"
+    add_path(parser, "--parquet", "FILE.parquet", frame)
     add_env_options(parser, "the RUN's")
 
 

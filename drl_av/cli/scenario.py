@@ -18,12 +18,7 @@ FLAGS = {"barricaded_lanes": "--barricade"}
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av scenario``: one for each setting of any kind of scenario."""
-    parser.add_argument(
-        "folder",
-        type=Path,
-        metavar="DIR",
-        help="folder to write; must be new",
-    )
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder to write; must be new")
     parser.add_argument(
         "--from",
         dest="source",
