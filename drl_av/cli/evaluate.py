@@ -12,8 +12,8 @@ from drl_av.cli.options import (
     add_env_options,
     add_flag,
     add_number,
-    add_observation,
     add_path,
+    add_text,
     custom_parts,
     driver_words,
     int_list,
@@ -103,7 +103,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_path(parser, "--json", "FILE.json", "write the summary")
     add_env_options(parser, "the first RUN's")
-    add_observation(parser)
+    observation = "your own observation as module:name (default: the 27 indicators)"
+    add_text(parser, "--observation", "NAME", observation)
 
 
 def evaluate(options: argparse.Namespace) -> int:

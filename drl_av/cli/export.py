@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from drl_av.cli.options import add_text
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av export`` to its parser."""
@@ -14,11 +16,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="folder of a run, its policy.safetensors, or pretrained (the shipped driver)",
     )
     parser.add_argument("out", type=Path, metavar="FILE.onnx", help="file to write")
-    parser.add_argument(
-        "--safety-check",
-        metavar="NAME",
-        help="paper: the file also holds this check, and its action has passed it (default: none)",
-    )
+    check = "paper: the file also holds this check, and its action has passed it (default: none)"
+    add_text(parser, "--safety-check", "NAME", check)
     parser.epilog = described()
 
 

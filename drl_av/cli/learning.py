@@ -11,6 +11,7 @@ from drl_av.cli.options import (
     add_flag,
     add_number,
     add_path,
+    add_text,
     custom_parts,
     with_command_line,
 )
@@ -29,9 +30,7 @@ if TYPE_CHECKING:
 def add_train_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av train`` to its parser."""
     add_path(parser, "--out", "RUN", "the run's folder; must be new", needed=True)
-    parser.add_argument(
-        "--preset", metavar="NAME", help=f"one of: {', '.join(PRESETS)} (default: paper)"
-    )
+    add_text(parser, "--preset", "NAME", f"one of: {', '.join(PRESETS)} (default: paper)")
     usual = Config().learning.episodes
     episodes = f"episodes of at most 200 s of Algorithm 1 (default: the preset's, {usual})"
     add_number(parser, "--episodes", 1, episodes)
@@ -44,9 +43,8 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
         help="several seeds, such as 1-5 or 1,3,7: a run for each, RUN/seed-1 and so on",
     )
     add_number(parser, "--jobs", 1, "number of processes that share the runs of --seeds", 1)
-    parser.add_argument(
-        "--replay", metavar="KIND", help=f"one of: {', '.join(REPLAYS)} (default: the preset's)"
-    )
+    replay = f"one of: {', '.join(REPLAYS)} (default: the preset's)"
+    add_text(parser, "--replay", "KIND", replay)
     add_env_options(parser, "the preset's", zips=False)
     add_flag(parser, "--resume", "continue a run that was stopped")
     add_flag(parser, "--tensorboard", "also write TensorBoard events into the folder")

@@ -72,6 +72,11 @@ def add_path(parser: Options, name: str, shown: str, meaning: str, needed: bool 
     parser.add_argument(name, type=Path, metavar=shown, help=meaning, required=needed)
 
 
+def add_text(parser: Options, name: str, shown: str, meaning: str) -> None:
+    """Add an option for a word, which the help shows as ``shown``."""
+    parser.add_argument(name, metavar=shown, help=meaning)
+
+
 def add_flag(parser: Options, name: str, meaning: str) -> None:
     """Add an option that is either given or not."""
     parser.add_argument(name, action="store_true", help=meaning)
@@ -95,30 +100,20 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
     """
     if zips:
         parser.epilog = " ".join(filter(None, [parser.epilog, UNPICKLED]))
-    parser.add_argument(
-        "--scenario",
-        metavar="DIR",
-        help=f"scenario folder, or the name of a shipped one (default: {whose})",
-    )
+    scenario = f"scenario folder, or the name of a shipped one (default: {whose})"
+    add_text(parser, "--scenario", "DIR", scenario)
     parser.add_argument(
         "--world",
         choices=WORLDS,
         help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: "
         "sumo, for a training that of its preset)",
     )
-    parser.add_argument(
-        "--safety-check",
-        metavar="NAME",
-        help=f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})",
-    )
-    parser.add_argument(
-        "--traffic",
-        metavar="KIND",
-        help=f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic])",
-    )
-    parser.add_argument(
-        "--reward", metavar="NAME", help="your own reward as module:function (default: the paper's)"
-    )
+    check = f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})"
+    add_text(parser, "--safety-check", "NAME", check)
+    traffic = f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic])"
+    add_text(parser, "--traffic", "KIND", traffic)
+    reward = "your own reward as module:function (default: the paper's)"
+    add_text(parser, "--reward", "NAME", reward)
     parser.add_argument(
         "--sumo-options",
         metavar="WORDS",
@@ -128,15 +123,6 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         "episode, and an output file holds the last one (default: none)",
     )
     config_files(parser, whose)
-
-
-def add_observation(parser: argparse.ArgumentParser) -> None:
-    """Add --observation to a parser."""
-    parser.add_argument(
-        "--observation",
-        metavar="NAME",
-        help="your own observation as module:name (default: the 27 indicators)",
-    )
 
 
 def config_files(parser: argparse.ArgumentParser, whose: str) -> None:

@@ -11,6 +11,7 @@ from drl_av.cli.options import (
     add_flag,
     add_number,
     add_path,
+    add_text,
     custom_parts,
     driver_words,
     rate,
@@ -56,11 +57,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "form that --driver takes (default: the shipped driver, under strict); with --html also "
         "two drivers, or two recordings, in the same traffic",
     )
-    parser.add_argument("--driver", metavar="NAME", help=driver_words())
-    parser.add_argument(
+    add_text(parser, "--driver", "NAME", driver_words())
+    add_text(
+        parser,
         "--worst",
-        metavar="COLUMN",
-        help="drive the worst episode of a table again, such as min_ttc_s, the smallest, or "
+        "COLUMN",
+        "drive the worst episode of a table again, such as min_ttc_s, the smallest, or "
         "hard_brakes, the largest",
     )
     add_number(parser, "--seed", 0, "traffic seed (default: 0)", shown="S")

@@ -6,7 +6,7 @@ from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from drl_av.cli.options import int_at_least
+from drl_av.cli.options import add_text, int_at_least
 from drl_av.config.section import meanings
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.road_description import RoadDescription
@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "name of a scenario that ships with drl-av",
     )
     kinds = "; ".join(f"{name}: {kind.meaning}" for name, kind in ROAD_TYPES.items())
-    parser.add_argument("--kind", metavar="KIND", help=f"default: loop; {kinds}")
+    add_text(parser, "--kind", "KIND", f"default: loop; {kinds}")
     for name, users in _users().items():
         kind, item = next(iter(users.items()))
         help_text = meanings(ROAD_TYPES[kind].description)[name].text
