@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drl_av.config import SINGLE_PRESETS, Config, from_sections, load_config
-from drl_av.config.section import did_you_mean
+from drl_av.config.section import did_you_mean, there_is_no
 from drl_av.errors import ConfigError
 
 LITERAL: dict[str, dict[str, Any]] = {
@@ -58,10 +58,7 @@ def preset(name: str) -> Config:
         ConfigError: there is no preset ``name``; the message suggests the nearest name.
     """
     if name not in PRESETS:
-        raise ConfigError(
-            f"There is no preset {name!r}{did_you_mean(name, PRESETS)}; "
-            f"the presets are: {', '.join(PRESETS)}."
-        )
+        raise ConfigError(there_is_no("preset", name, "presets", PRESETS))
     return PRESETS[name]
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from drl_av.config import Config
-from drl_av.config.section import did_you_mean, meanings
+from drl_av.config.section import meanings, there_is_no
 from drl_av.errors import ConfigError
 
 UNITS = {
@@ -90,10 +90,7 @@ def _sections(section: str | None) -> tuple[str, ...]:
     if section is None:
         return SECTIONS
     if section not in SECTIONS:
-        raise ConfigError(
-            f"There is no section {section!r}{did_you_mean(section, SECTIONS)}; "
-            f"the sections are: {', '.join(SECTIONS)}."
-        )
+        raise ConfigError(there_is_no("section", section, "sections", SECTIONS))
     return (section,)
 
 

@@ -63,6 +63,20 @@ def did_you_mean(word: object, names: Iterable[str]) -> str:
     return f" (did you mean {found[0]!r}?)" if found else ""
 
 
+def not_one_of(what: str, word: object, names: Iterable[str]) -> str:
+    """Return the sentence that a word is not one of the names, with the most similar of them."""
+    names = list(names)
+    hint = did_you_mean(word, names)
+    return f"{what} is {word!r}{hint}, but must be one of: {', '.join(names)}."
+
+
+def there_is_no(what: str, word: object, those: str, names: Iterable[str]) -> str:
+    """Return the sentence that there is nothing of a name, with all names of ``those``."""
+    names = list(names)
+    hint = did_you_mean(word, names)
+    return f"There is no {what} {word!r}{hint}; the {those} are: {', '.join(names)}."
+
+
 def section_name(section: type) -> str:
     """Return the name of a section in TOML, for example ``finite_state`` for FiniteStateConfig."""
     words = re.findall(r"[A-Z][a-z]*|[0-9]+", section.__name__.removesuffix("Config"))
@@ -103,10 +117,7 @@ class Section:
                 name = "list" if kind is tuple else kind.__name__
                 raise ConfigError(f"{where} is {value!r}, but must be of type {name}.")
             if choices is not None and value not in choices:
-                raise ConfigError(
-                    f"{where} is {value!r}{did_you_mean(value, choices)}, "
-                    f"but must be one of: {', '.join(choices)}."
-                )
+                raise ConfigError(not_one_of(where, value, choices))
             if isinstance(value, float) and not math.isfinite(value):
                 raise ConfigError(f"{where} is {value}, but must be a finite number.")
             low, high = item.metadata.get("low"), item.metadata.get("high")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from drl_av.config.section import Section, did_you_mean, setting
+from drl_av.config.section import Section, setting, there_is_no
 from drl_av.errors import ConfigError
 
 STANDSTILL_GAP_M = 2.5
@@ -250,10 +250,7 @@ def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
         ConfigError: there is no such kind; the message suggests the nearest name.
     """
     if not isinstance(name, str) or name not in TRAFFIC_PRESETS:
-        raise ConfigError(
-            f"There is no kind of traffic {name!r}{did_you_mean(name, TRAFFIC_PRESETS)}; "
-            f"the kinds are: {', '.join(TRAFFIC_PRESETS)}."
-        )
+        raise ConfigError(there_is_no("kind of traffic", name, "kinds", TRAFFIC_PRESETS))
     found = {key: value for key, (value, _) in TRAFFIC_PRESETS[name].settings.items()}
     stays = BESIDE_PRESETS if traffic.presets else BESIDE_PRESETS[:2]
     return TrafficConfig(**{key: getattr(traffic, key) for key in stays} | found)

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.config.functions import is_factory
-from drl_av.config.section import did_you_mean
+from drl_av.config.section import not_one_of
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
@@ -56,10 +56,7 @@ def named_check(
             f"--safety-check {name} (safety_check=) if you trust it."
         )
     if name not in CHECKS:
-        raise ConfigError(
-            f"safety.check is {name!r}{did_you_mean(name, CHECKS)}, but must be one of: "
-            f"{', '.join(CHECKS)}."
-        )
+        raise ConfigError(not_one_of("safety.check", name, CHECKS))
     return CHECKS[name](config, vehicle_types, road)
 
 

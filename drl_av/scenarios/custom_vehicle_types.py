@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.config.section import did_you_mean
+from drl_av.config.section import not_one_of
 from drl_av.errors import ScenarioError
 from drl_av.random_streams import Stream, generator
 from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
@@ -66,18 +66,11 @@ class CustomVehicleType:
             )
         given = {name: bounds for name, bounds in BOUNDS.items() if getattr(self, name) is not None}
         check_numbers(self, f"Vehicle type {self.id!r}: ", given)
-        if self.shape not in SHAPES:
-            raise ScenarioError(
-                f"Vehicle type {self.id!r}: shape is {self.shape!r}"
-                f"{did_you_mean(self.shape, SHAPES)}, but must be one of: {', '.join(SHAPES)}."
-            )
-        model = self.car_following_model
-        if model not in CAR_FOLLOWING_MODELS:
-            raise ScenarioError(
-                f"Vehicle type {self.id!r}: car_following_model is {model!r}"
-                f"{did_you_mean(model, CAR_FOLLOWING_MODELS)}, but must be one of: "
-                f"{', '.join(CAR_FOLLOWING_MODELS)}."
-            )
+        for name, choices in (("shape", SHAPES), ("car_following_model", CAR_FOLLOWING_MODELS)):
+            word = getattr(self, name)
+            if word not in choices:
+                what = f"Vehicle type {self.id!r}: {name}"
+                raise ScenarioError(not_one_of(what, word, choices))
 
     def attributes(self, traffic: dict[str, str]) -> dict[str, str]:
         """Return the SUMO attributes of this type; ``traffic`` holds those that it does not set."""

@@ -10,7 +10,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from drl_av.config.section import did_you_mean
+from drl_av.config.section import did_you_mean, there_is_no
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.highways import EXIT, MERGE, RAMP_TO_RAMP, STRAIGHT
@@ -104,10 +104,7 @@ NET = "net"
 
 def unknown_road_type(kind: object) -> ScenarioError:
     """Return the error for a kind of scenario that does not exist."""
-    return ScenarioError(
-        f"There is no kind of scenario {kind!r}{did_you_mean(kind, ROAD_TYPES)}; the kinds are: "
-        f"{', '.join(ROAD_TYPES)}."
-    )
+    return ScenarioError(there_is_no("kind of scenario", kind, "kinds", ROAD_TYPES))
 
 
 def _paths(names: Any, folder: Path) -> tuple[str, ...]:
