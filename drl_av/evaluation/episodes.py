@@ -53,7 +53,7 @@ class Evaluation:
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
     scenario places. ``make_metrics`` makes the metrics of each episode, which compute its row of
     the results. ``custom`` holds the user's own check, reward and observation, and ``recordings``
-    keeps recordings of the episodes. ``len`` returns the number of episodes.
+    keeps recordings of the episodes.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.
@@ -87,9 +87,6 @@ class Evaluation:
         for number in self._vehicles:
             env.require_room(number)
         equipment.make_drivers()
-
-    def __len__(self) -> int:
-        return len(self.jobs)
 
     @property
     def jobs(self) -> list[EpisodeJob]:

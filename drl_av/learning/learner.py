@@ -137,11 +137,6 @@ class Learner:
         self._target_layers = network.split(self._target.numpy())
         self._gradient_layers = network.split(self._gradient.numpy())
 
-    @property
-    def steps(self) -> int:
-        """Number of gradient steps so far."""
-        return int(self._step)
-
     def update(self, batch: Batch) -> Update:
         """Make one step of Adam on the mean squared TD error of a batch; return loss and TD errors.
 

@@ -189,7 +189,6 @@ class Buffer(Protocol):
     fit.
     """
 
-    def __len__(self) -> int: ...
     @property
     def collisions(self) -> int: ...
     def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None: ...
@@ -226,9 +225,6 @@ class TwoBuffers(Buffer):
         self.collision = Ring(collision_capacity, observation_size)
         self.discount = discount
         self.collision_fraction = collision_fraction
-
-    def __len__(self) -> int:
-        return len(self.safe) + len(self.collision)
 
     @property
     def collisions(self) -> int:
@@ -287,9 +283,6 @@ class UniformBuffer(Buffer):
     def __init__(self, observation_size: int, capacity: int, discount: float) -> None:
         self.ring = Ring(capacity, observation_size)
         self.discount = discount
-
-    def __len__(self) -> int:
-        return len(self.ring)
 
     @property
     def collisions(self) -> int:

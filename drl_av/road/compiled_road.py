@@ -102,7 +102,7 @@ def is_beside(lane: int, other: int, s_m: float, road: RoadNumbers) -> bool:
 
 @compiled
 def may_cross(lane: int, side: int, from_m: float, to_m: float, road: RoadNumbers) -> bool:
-    """Whether no forbidden line lies in a part of the road, as ``Road.may_cross``."""
+    """Whether no ``ForbiddenLine`` lies on this side of the lane in a part of the road."""
     for row in range(len(road.forbidden_lines)):
         line = road.forbidden_lines[row]
         if line[0] == lane and line[1] == side and line[2] <= to_m and from_m < line[3]:

@@ -105,11 +105,6 @@ class MandatoryChange(NamedTuple):
     within_m: float
     """Distance along the road within which they must be complete, metres; inf if none is needed."""
 
-    @property
-    def side(self) -> int:
-        """Direction of the changes: +1 left, -1 right, 0 if none is needed."""
-        return (self.lanes > 0) - (self.lanes < 0)
-
 
 NO_CHANGE = MandatoryChange(0, math.inf)
 
@@ -174,13 +169,6 @@ class Road:
         part = self._part(right, s_m)
         joined = part is None or part.joined_from_m <= s_m < part.joined_to_m
         return joined and self.is_open_at(other, s_m)
-
-    def may_cross(self, lane: int, side: int, from_m: float, to_m: float) -> bool:
-        """Whether no ``ForbiddenLine`` lies on this side of the lane in a part of the road."""
-        return not any(
-            (line.lane, line.side) == (lane, side) and line.begin_m <= to_m and from_m < line.end_m
-            for line in self.forbidden_lines
-        )
 
     def lane_end_m(self, lane: int, s_m: float) -> float:
         """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""

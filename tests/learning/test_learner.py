@@ -95,7 +95,6 @@ def test_written_out_update_equals_autograd_and_torchs_adam_over_300_steps(ended
             target.load_state_dict(online.state_dict())
     for mine, theirs in zip(network.tensors().values(), online.parameters(), strict=True):
         assert np.allclose(mine, theirs.detach().numpy(), atol=1e-10, rtol=1e-9)
-    assert ours.steps == 300
 
 
 @pytest.mark.parametrize("kernel", [torch._fused_adam_, None], ids=["kernel", "public"])

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import FiniteStateConfig
-from drl_av.drivers.background.finite_state import State
+from drl_av.drivers.background.finite_state import CRUISE, FOLLOW, LANE_CHANGE
 from drl_av.driving.affordances import SIDES
 from drl_av.road.road import CENTERED_M, FloatArray, Road
 from drl_av.road.snapshot import Snapshot
@@ -153,7 +153,7 @@ def finite_state(
     """
     states = _longitudinal_states(neighbors, states, config)
     side = np.where(neighbors.under_way, 0, _side(neighbors, states, desired_m_s, config))
-    states = np.where(neighbors.under_way | (side != 0), State.LANE_CHANGE, states)
+    states = np.where(neighbors.under_way | (side != 0), LANE_CHANGE, states)
     return states, Decisions(_acceleration(neighbors, states, desired_m_s, config), side)
 
 
@@ -161,9 +161,9 @@ def _longitudinal_states(
     neighbors: Surroundings, states: IntArray, config: FiniteStateConfig
 ) -> IntArray:
     """Return FOLLOW near the vehicle ahead, else CRUISE, with a hysteresis; shape (R,)."""
-    headway_s = np.where(states == State.CRUISE, config.follow_headway_s, config.cruise_headway_s)
+    headway_s = np.where(states == CRUISE, config.follow_headway_s, config.cruise_headway_s)
     near_m = config.standstill_gap_m + headway_s * neighbors.speed_m_s
-    return np.where(neighbors.gap_m[:, OWN, FRONT] < near_m, State.FOLLOW, State.CRUISE)
+    return np.where(neighbors.gap_m[:, OWN, FRONT] < near_m, FOLLOW, CRUISE)
 
 
 def _side(
@@ -171,7 +171,7 @@ def _side(
 ) -> IntArray:
     """Return the lane change that each vehicle wants: +1 left, -1 right, 0 none; shape (R,)."""
     leader_m_s = neighbors.speed_m_s + neighbors.relative_speed_m_s[:, OWN, FRONT]
-    held_up = (states == State.FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
+    held_up = (states == FOLLOW) & (leader_m_s < desired_m_s - config.slow_leader_m_s)
     left, right = (
         np.where(held_up & _clear(neighbors, lane, config), _gain(neighbors, lane, config), -np.inf)
         for lane in (LEFT, RIGHT)
@@ -203,8 +203,8 @@ def _acceleration(
 ) -> FloatArray:
     """Return the smallest acceleration that the desired speed and the leaders demand, (R,)."""
     free = config.speed_gain_per_s * (desired_m_s - neighbors.speed_m_s)
-    own = np.where(states == State.CRUISE, np.inf, _behind(neighbors, OWN, config))
-    leaning = np.sign(neighbors.off_center_m) * (states == State.LANE_CHANGE)
+    own = np.where(states == CRUISE, np.inf, _behind(neighbors, OWN, config))
+    leaning = np.sign(neighbors.off_center_m) * (states == LANE_CHANGE)
     left = np.where(leaning > 0, _behind(neighbors, LEFT, config), np.inf)
     right = np.where(leaning < 0, _behind(neighbors, RIGHT, config), np.inf)
     wanted = np.minimum.reduce((free, own, left, right))

@@ -83,7 +83,8 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
     """
     if config.desired == "fixed":
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
-    lanes, side = due_changes(affordances.mandatory), affordances.mandatory.side
+    lanes = due_changes(affordances.mandatory)
+    side = 1 if lanes > 0 else -1
     next_lane = side if lanes and affordances.has_lane(side) else 0
     speed_m_s = attainable_speed(affordances, next_lane, config, safety.minimum_gap_m)
     if not lanes:
@@ -112,8 +113,8 @@ def due_changes(mandatory: MandatoryChange) -> int:
     """
     if not mandatory.lanes:
         return 0
-    later = int(mandatory.within_m // LANE_CHANGE_DUE_M)
-    return mandatory.side * max(abs(mandatory.lanes) - later, 0)
+    due = max(abs(mandatory.lanes) - int(mandatory.within_m // LANE_CHANGE_DUE_M), 0)
+    return due if mandatory.lanes > 0 else -due
 
 
 def faster_side(

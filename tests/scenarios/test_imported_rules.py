@@ -14,6 +14,7 @@ from plain_sumo import run_sumo
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
+from drl_av.road.compiled_road import may_cross, road_numbers
 from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.imported.net_file import TREATMENTS, Found, left_out
@@ -287,9 +288,10 @@ def test_plain_sumo_changes_lanes_on_the_road_as_on_the_users_network(
 def test_each_direction_of_a_line_is_forbidden_by_itself(tmp_path: Path) -> None:
     road = described(solid(tmp_path, 'changeLeft="bus"'), "S", "S").plan().road
     assert [line[:2] for line in road.forbidden_lines] == [(0, 1), (1, 1)]
-    assert road.may_cross(1, -1, 0.0, 2500.0)
-    assert not road.may_cross(0, 1, 100.0, 101.0)
-    assert road.may_cross(0, 1, 2600.0, 2601.0)  # beyond the user's network nothing is forbidden
+    numbers = road_numbers(road)
+    assert may_cross(1, -1, 0.0, 2500.0, numbers)
+    assert not may_cross(0, 1, 100.0, 101.0, numbers)
+    assert may_cross(0, 1, 2600.0, 2601.0, numbers)  # beyond the user's network all is permitted
     allowed = described(solid(tmp_path, 'changeLeft="bus passenger"'), "S", "S").plan().road
     assert allowed.forbidden_lines == ()
 

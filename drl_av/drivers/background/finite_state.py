@@ -5,7 +5,6 @@ Kolmanovsky 2017; the control in each state is ours. The functions decide for on
 arrays that ``indicators`` has filled for it.
 """
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -16,17 +15,8 @@ from drl_av.random_streams import Stream, generator
 from drl_av.road.road import CENTERED_M, FloatArray
 from drl_av.simulation.population import DriverModel
 
-
-class State(IntEnum):
-    """The state of a vehicle in the finite-state machine."""
-
-    CRUISE = 0
-    FOLLOW = 1
-    LANE_CHANGE = 2
-
-
 CRUISE, FOLLOW, LANE_CHANGE = range(3)
-"""The numbers of the states, for compiled functions."""
+"""The states of a vehicle in the finite-state machine."""
 
 
 class FiniteStateNumbers(NamedTuple):

@@ -12,9 +12,9 @@ from drl_av.compiled import borrowing, compiled, numbers
 from drl_av.config import Config
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.drivers.background.finite_state import (
+    CRUISE,
     FiniteStateNumbers,
     HardBraking,
-    State,
     finite_state,
     looks_aside,
 )
@@ -108,7 +108,7 @@ class TrafficDrivers:
         n = len(driver_models)
         self._rows = in_order(driver_models)
         self._of_each = driver_models.astype(np.int64), np.ascontiguousarray(desired_m_s, float)
-        self.memory = np.full(n, State.CRUISE, np.int64), np.zeros(n, np.int64)
+        self.memory = np.full(n, CRUISE, np.int64), np.zeros(n, np.int64)
         """The state of each finite-state machine, and for how many decisions it still brakes."""
         self._found = np.zeros(n), np.zeros(n, np.int64)
         brakes_hard = bool((driver_models == DriverModel.HARD_BRAKING).any())

@@ -83,11 +83,6 @@ class Route(NamedTuple):
     left_out: tuple[str, ...]
     """What the network says about the route and is not part of it, one phrase each."""
 
-    @property
-    def length_m(self) -> float:
-        """The length of the route, metres."""
-        return self.sections[-1].end_m
-
 
 def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
     """Return the fastest route for cars from one edge to another in a network file.

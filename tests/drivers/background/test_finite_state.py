@@ -5,22 +5,21 @@ from hypothesis import given
 from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, Car, ahead, behind, scenes, snapshot
 
 from drl_av.config import FiniteStateConfig
-from drl_av.drivers.background.finite_state import State, finite_state
+from drl_av.drivers.background.finite_state import CRUISE, FOLLOW, LANE_CHANGE, finite_state
 from drl_av.driving.affordances import compute_affordances
 from drl_av.driving.scene import Scene
 from drl_av.road.snapshot import Snapshot
 
 CONFIG = FiniteStateConfig()
-CRUISE, FOLLOW, CHANGE = State.CRUISE, State.FOLLOW, State.LANE_CHANGE
 
 
 def decide(
-    shot: Snapshot, state: State = CRUISE, desired_m_s: float = 30.0
-) -> tuple[State, float, int]:
+    shot: Snapshot, state: int = CRUISE, desired_m_s: float = 30.0
+) -> tuple[int, float, int]:
     """The ego's next state, acceleration and side."""
     values, codes, *_ = compute_affordances(shot, ROAD, 250.0).arrays()
     after, acceleration, side = finite_state(values, codes, LANE_M, state, desired_m_s, CONFIG)
-    return State(after), float(acceleration), side
+    return after, float(acceleration), side
 
 
 FENCE = (Car(0.0, LEFT), Car(0.0, RIGHT))
@@ -41,11 +40,11 @@ def test_alone_it_cruises_towards_its_desired_speed() -> None:
         (FOLLOW, 42.6, FOLLOW),  # it stays behind until 2.5 + 3 s * 20 m/s
         (FOLLOW, 62.4, FOLLOW),
         (FOLLOW, 62.6, CRUISE),
-        (CHANGE, 50.0, FOLLOW),
+        (LANE_CHANGE, 50.0, FOLLOW),
     ],
 )
 def test_it_follows_from_2_s_on_and_cruises_again_from_3_s_on(
-    before: State, gap_m: float, after: State
+    before: int, gap_m: float, after: int
 ) -> None:
     assert decide(snapshot(ahead(gap_m), *FENCE), before)[0] is after
 
@@ -69,8 +68,8 @@ def test_following_it_keeps_1_2_s(gap_m: float, speed_m_s: float, acceleration_m
 
 def test_behind_a_slow_vehicle_it_changes_to_the_left_where_both_sides_are_free() -> None:
     slow = ahead(30.0, speed_m_s=18.0)
-    assert decide(snapshot(slow))[::2] == (CHANGE, 1)
-    assert decide(snapshot(slow, Car(0.0, LEFT)))[::2] == (CHANGE, -1)
+    assert decide(snapshot(slow))[::2] == (LANE_CHANGE, 1)
+    assert decide(snapshot(slow, Car(0.0, LEFT)))[::2] == (LANE_CHANGE, -1)
     assert decide(snapshot(slow, *FENCE))[::2] == (FOLLOW, 0)
     assert decide(snapshot(slow), desired_m_s=18.9)[::2] == (FOLLOW, 0)  # not slow for that one
     assert decide(snapshot(ahead(45.0, speed_m_s=18.0)))[::2] == (CRUISE, 0)  # not held up yet
@@ -113,27 +112,27 @@ def test_changing_lanes_it_minds_the_vehicles_ahead_in_both_and_asks_for_nothing
 ) -> None:
     # alone ahead in one of the two lanes, at its speed: 0.1 (16.5 - 26.5) = -1
     for lane_m in (CENTER, LEFT):
-        state, acceleration, side = decide(snapshot(ahead(16.5, lane_m), y_m=y_m), CHANGE)
-        assert (state, side) == (CHANGE, 0)
+        state, acceleration, side = decide(snapshot(ahead(16.5, lane_m), y_m=y_m), LANE_CHANGE)
+        assert (state, side) == (LANE_CHANGE, 0)
         assert acceleration == pytest.approx(-1.0)
     decoy = snapshot(ahead(16.5, RIGHT), y_m=y_m)
-    assert decide(decoy, CHANGE) == (CHANGE, 2.0, 0)
+    assert decide(decoy, LANE_CHANGE) == (LANE_CHANGE, 2.0, 0)
 
 
 def test_past_the_middle_it_still_minds_the_lane_that_it_leaves() -> None:
     # 0.76 m right of the left lane's centre, its body in both
     shot = snapshot(ahead(16.5, CENTER), y_m=LEFT - 0.76)
-    assert decide(shot, CHANGE) == (CHANGE, pytest.approx(-1.0), 0)
+    assert decide(shot, LANE_CHANGE) == (LANE_CHANGE, pytest.approx(-1.0), 0)
 
 
 def test_a_lane_change_that_sumo_did_not_begin_is_given_up() -> None:
     blocked = snapshot(ahead(30.0, speed_m_s=18.0), *FENCE)
-    assert decide(blocked, CHANGE)[::2] == (FOLLOW, 0)
+    assert decide(blocked, LANE_CHANGE)[::2] == (FOLLOW, 0)
 
 
 @given(scenes())
 def test_wherever_it_is_it_stays_within_its_bounds_and_on_the_road(world: Scene) -> None:
-    for state in State:
+    for state in (CRUISE, FOLLOW, LANE_CHANGE):
         _, acceleration, side = decide(world.snapshot, state, 25.0)
         assert abs(acceleration + 1) <= 3
         assert 0 <= ROAD.lane_of(float(world.snapshot.y_m[0])) + side <= 2
