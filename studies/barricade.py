@@ -17,7 +17,7 @@ from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action
-from drl_av.driving.maneuver import target_lane
+from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
@@ -86,7 +86,9 @@ class BarricadeMetrics(EpisodeMetrics):
             self.hit = edge if decision.collision.kind is CollisionKind.HIT_EDGE else vehicle
 
     def _enters_closed_lane(self, scene: Scene, action: Action) -> bool:
-        lane = target_lane(scene, action.lateral)
+        lane = scene.affordances.lane
+        if change := next_lane_change(scene.lane_change, lane, action.lateral):
+            lane = change.target
         return 0 <= lane < len(self._road.open_lanes) and not self._road.is_open(lane)
 
 

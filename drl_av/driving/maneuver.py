@@ -140,16 +140,6 @@ def aborts(lane_change: LaneChange | None, lateral: Lateral) -> bool:
     return lane_change is not None and lateral.sign == -lane_change.sign
 
 
-def target_lane(scene: Scene, lateral: Lateral) -> int:
-    """Return the index of the lane in which the ego's lane change ends if it takes ``lateral``.
-
-    The action may start, continue or abort the lane change. Without a lane change the result is the
-    lane that contains the ego's centre.
-    """
-    change = next_lane_change(scene.lane_change, scene.affordances.lane, lateral)
-    return scene.affordances.lane if change is None else change.target
-
-
 def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
     """Convert an action to the commands of one decision, one command for each SUMO step.
 
