@@ -48,15 +48,7 @@ def _rows(snapshot: Snapshot, wanted: tuple[str, ...]) -> Snapshot:
         return snapshot
     kept = [row for row, name in enumerate(snapshot.ids) if name in set(wanted)]
     kept.sort(key=lambda row: (row > 0, snapshot.ids[row]))
-    return snapshot._replace(
-        ids=tuple(snapshot.ids[row] for row in kept),
-        s_m=snapshot.s_m[kept],
-        y_m=snapshot.y_m[kept],
-        speed_m_s=snapshot.speed_m_s[kept],
-        lateral_speed_m_s=snapshot.lateral_speed_m_s[kept],
-        length_m=snapshot.length_m[kept],
-        width_m=snapshot.width_m[kept],
-    )
+    return snapshot.of_rows(kept)
 
 
 def write_video(path: str | os.PathLike[str], frames: Iterable[Picture], fps: float) -> int:

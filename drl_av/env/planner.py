@@ -102,17 +102,8 @@ class PlannerDriver(Driver):
     def _visible(self, shot: Snapshot) -> Snapshot:
         """Return the vehicles within range."""
         away_m = self._road.ahead_m(shot.s_m[EGO], shot.s_m)
-        rows = np.flatnonzero(np.abs(away_m) <= self._range_m)
-        return Snapshot(
-            shot.time_s,
-            tuple(shot.ids[row] for row in rows.tolist()),
-            s_m=shot.s_m[rows],
-            y_m=shot.y_m[rows],
-            speed_m_s=shot.speed_m_s[rows],
-            lateral_speed_m_s=shot.lateral_speed_m_s[rows],
-            length_m=shot.length_m[rows],
-            width_m=shot.width_m[rows],
-        )
+        rows = np.flatnonzero(np.abs(away_m) <= self._range_m).tolist()
+        return shot.of_rows(rows)
 
     def _place(self, shot: Snapshot, scene: Scene) -> None:
         """Copy the scene into the world of the twin, without random events to come."""

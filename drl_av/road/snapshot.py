@@ -1,5 +1,6 @@
 """The state of all vehicles at one moment, the ego's collisions, and commands to the simulation."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -61,6 +62,18 @@ class Snapshot(NamedTuple):
     width_m: FloatArray
     sumo_lane_change: int = 0
     """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
+
+    def of_rows(self, rows: Sequence[int]) -> "Snapshot":
+        """Return the snapshot of the vehicles in some rows, in the order of these."""
+        return self._replace(
+            ids=tuple(self.ids[row] for row in rows),
+            s_m=self.s_m[rows],
+            y_m=self.y_m[rows],
+            speed_m_s=self.speed_m_s[rows],
+            lateral_speed_m_s=self.lateral_speed_m_s[rows],
+            length_m=self.length_m[rows],
+            width_m=self.width_m[rows],
+        )
 
     @property
     def arrays(self) -> Vehicles:
