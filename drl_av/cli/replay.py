@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from drl_av.evaluation.recording import Recording
     from drl_av.evaluation.replay import ReplaySession
 
-USUAL_RATE = 2.0
+USUAL_RATE, USUAL_VEHICLES = 2.0, 15
 OTHER_SOURCES = (*DRIVER_FILES, ".toml")
 """Endings of the files that are not recordings."""
 SUFFIXES = {
@@ -199,7 +199,7 @@ def _new_sessions(
 ) -> "list[ReplaySession]":
     """Return the sessions of drivers by the options, whose vehicles fit on the road."""
     from drl_av.env.highway import HighwayEnv
-    from drl_av.evaluation.replay import USUAL_VEHICLES, ReplaySession
+    from drl_av.evaluation.replay import ReplaySession
 
     shared = with_command_line(default_config(specs), options)
     if options.decisions:

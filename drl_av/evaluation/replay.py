@@ -40,7 +40,6 @@ from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.start_sumo import option_words
 
-USUAL_VEHICLES = 15
 FCD_OPTIONS = (
     *("--fcd-output.attributes", "x,y,angle,type,speed,pos,lane,acceleration,posLat,speedLat"),
     *("--precision", "6"),
@@ -107,8 +106,8 @@ class ReplaySession:
     driver: Driver
     name: str
     seed: int
-    vehicles: int | None
-    """Number of vehicles around the ego; None for the scenario's number, or 15 if it has none."""
+    vehicles: int
+    """Number of vehicles around the ego."""
     recording: Recording | None = None
     """The recording that the episode must repeat exactly; None for a new episode."""
     custom: CustomParts = NOTHING_CUSTOM
@@ -151,12 +150,8 @@ class ReplaySession:
         watching = watchers if follower is None else (follower.add, *watchers)
         made = HighwayEnv(config=self.config, render_mode=render_mode, **self.custom._asdict())
         with closing(made) as env:
-            implied = env.simulation.fleet.default_vehicle_count
-            usual = USUAL_VEHICLES if implied is None else implied
-            vehicles = usual if self.vehicles is None else self.vehicles
-            driven = record_episode(
-                env, self.driver, self.name, self.seed, vehicles, watchers=watching
-            )
+            given = self.driver, self.name, self.seed, self.vehicles
+            driven = record_episode(env, *given, watchers=watching)
             if follower is not None:
                 follower.end()
         made_row = driven[1].cells()

@@ -125,9 +125,9 @@ def test_number_of_vehicles_is_the_scenarios_where_it_places_them(tmp_path: Path
 
     placed = (PlacedVehicle("ego", 1, 0.0, 20.0, 30.0), PlacedVehicle("slow", 1, 60.0, 20.0, 20.0))
     write_scenario(tmp_path / "two", ScenarioDescription(vehicles=placed))
-    config = SHORT.updated("simulation", scenario=str(tmp_path / "two"))
-    recording, result = ReplaySession(config, RandomDriver(), "random", 0, None).drive(None)
-    assert (recording.vehicles, result.vehicles) == (1, 1)
+    words = ["--scenario", str(tmp_path / "two"), "--decisions", "3", "--record"]
+    assert main(["replay", "random", *words, str(tmp_path / "episode.npz")]) == 0
+    assert load_recording(tmp_path / "episode.npz").vehicles == 1
 
 
 def test_pacer_waits_until_the_next_decision_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
