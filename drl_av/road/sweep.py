@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,46 +34,16 @@ A plain tuple costs a quarter of the time of a named one.
 """
 
 
-class Contact(NamedTuple):
-    """The first contact of two bodies in a SUMO step: its time and its kind."""
-
-    time: float
-    """Fraction of the step until the contact; 0 if the bodies overlap before the step."""
-    kind: CollisionKind
-    """The kind of collision for the first of the two bodies, which counts as the ego."""
-
-
-def displacement(
-    from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, road: Road
+def moved(
+    from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, lap_m: float
 ) -> Displacement:
     """Return the motion of a body from one position (s, y) to another, both in metres.
 
     The function assumes that the body moves backward by at most ``BACKWARD_M``, or forward by less
-    than ``road.lap_m - BACKWARD_M``.
+    than ``lap_m - BACKWARD_M``.
     """
-    return moved(from_s_m, from_y_m, to_s_m, to_y_m, road.lap_m)
-
-
-def moved(
-    from_s_m: float, from_y_m: float, to_s_m: float, to_y_m: float, lap_m: float
-) -> Displacement:
-    """Return ``displacement`` on a road with this length of a lap."""
     forward_m = around(to_s_m - from_s_m + BACKWARD_M, lap_m) - BACKWARD_M
     return from_s_m, from_y_m, forward_m, to_y_m - from_y_m
-
-
-def first_contact(
-    ego: Displacement, other: Displacement, length_m: float, width_m: float, road: Road
-) -> Contact | None:
-    """Return the first contact of two bodies in a SUMO step, or None if they do not touch.
-
-    ``length_m`` and ``width_m`` are the means of the two bodies' lengths and widths. If the bodies
-    already overlap sideways when they begin to overlap along the road, the faster body hits the
-    slower one from behind. Otherwise they touch side by side: the ego hits the other body if the
-    ego moves sideways towards it, and is hit if it does not.
-    """
-    time, kind = contact(ego, other, length_m, width_m, road.lap_m)
-    return None if kind == NO_CONTACT else Contact(time, KINDS[kind])
 
 
 KINDS = tuple(CollisionKind)
@@ -86,7 +55,18 @@ NO_CONTACT = -1
 def contact(
     ego: Displacement, other: Displacement, length_m: float, width_m: float, lap_m: float
 ) -> tuple[float, int]:
-    """Return the fields of ``first_contact``, with the number of the kind or ``NO_CONTACT``."""
+    """Return the first contact of two bodies in a SUMO step.
+
+    ``length_m`` and ``width_m`` are the means of the two bodies' lengths and widths. If the bodies
+    already overlap sideways when they begin to overlap along the road, the faster body hits the
+    slower one from behind. Otherwise they touch side by side: the ego hits the other body if the
+    ego moves sideways towards it, and is hit if it does not.
+
+    Returns:
+        The fraction of the step until the contact, 0 if the bodies overlap before the step; and the
+        number of the kind of collision (an index of ``KINDS``); 1 and ``NO_CONTACT`` if they do not
+        touch.
+    """
     left_m, moved_m = other[1] - ego[1], other[3] - ego[3]
     if stays_apart(left_m, moved_m, width_m):
         return 1.0, NO_CONTACT
@@ -249,9 +229,9 @@ class VehicleRectangles:
         first, collision, ego = 1.0, None, moves[EGO]
         for row, move in moves.items():
             if row != EGO:
-                contact = self._contact(EGO, ego, row, move)
-                if contact is not None and contact.time < first:
-                    first, collision = contact.time, Collision(contact.kind, self.ids[row])
+                time, kind = self._contact(EGO, ego, row, move)
+                if kind != NO_CONTACT and time < first:
+                    first, collision = time, Collision(KINDS[kind], self.ids[row])
         return collision
 
     def collisions(self, moves: Mapping[int, Displacement]) -> list[tuple[str, str]]:
@@ -262,16 +242,16 @@ class VehicleRectangles:
         return [
             (self.ids[one], self.ids[other])
             for (one, its), (other, others) in combinations(moves.items(), 2)
-            if self._contact(one, its, other, others)
+            if self._contact(one, its, other, others)[1] != NO_CONTACT
         ]
 
     def _contact(
         self, one: int, its: Displacement, other: int, others: Displacement
-    ) -> Contact | None:
-        """Return the first contact of the vehicles in rows ``one`` and ``other``, or None."""
+    ) -> tuple[float, int]:
+        """Return the first ``contact`` of the vehicles in rows ``one`` and ``other``."""
         length_m = (self.length_m[one] + self.length_m[other]) / 2
         width_m = (self.width_m[one] + self.width_m[other]) / 2
-        return first_contact(its, others, length_m, width_m, self.road)
+        return contact(its, others, length_m, width_m, self.road.lap_m)
 
 
 def rectangles_of(snapshot: Snapshot, road: Road) -> VehicleRectangles:
@@ -289,6 +269,6 @@ def displacements(before: Snapshot, after: Snapshot, road: Road) -> dict[int, Di
     columns = (before.s_m, before.y_m, after.s_m, after.y_m)
     ends = zip(*(column.tolist() for column in columns), strict=True)
     return {
-        row: displacement(from_s_m, from_y_m, to_s_m, to_y_m, road)
+        row: moved(from_s_m, from_y_m, to_s_m, to_y_m, road.lap_m)
         for row, (from_s_m, from_y_m, to_s_m, to_y_m) in enumerate(ends)
     }

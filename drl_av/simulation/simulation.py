@@ -21,7 +21,7 @@ from drl_av.road.snapshot import (
     Snapshot,
     TrafficCommands,
 )
-from drl_av.road.sweep import LATERAL_SPEED_M_S, Displacement, VehicleRectangles, displacement
+from drl_av.road.sweep import LATERAL_SPEED_M_S, Displacement, VehicleRectangles, moved
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color, GuiCamera
@@ -295,7 +295,7 @@ class Simulation:
                 float(self._state[0, row]),
                 float(self._state[1, row]),
             )
-            moves[row] = displacement(*before, s_m, y_m, self.road)
+            moves[row] = moved(*before, s_m, y_m, self.road.lap_m)
             self._moved[row] = s_m, y_m
         return moves
 

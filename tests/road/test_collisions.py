@@ -12,10 +12,11 @@ from worlds import CARS, CENTER, LEFT, LENGTH_M, RIGHT, ROAD, WIDTH_M, Car, ahea
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Collision, CollisionKind, Command, Snapshot
 from drl_av.road.sweep import (
+    NO_CONTACT,
     Displacement,
-    displacement,
+    contact,
     displacements,
-    first_contact,
+    moved,
     rectangles_of,
 )
 
@@ -23,7 +24,7 @@ STEP_S = 0.5
 SMALL_ROAD = Road(100.0, 3.8, (True, True, True))
 
 
-def moved(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int, Displacement]:
+def motions(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int, Displacement]:
     """The motions of all vehicles in a step at the speeds of the snapshot."""
     s_m = (shot.s_m + shot.speed_m_s * step_s) % road.lap_m
     after = shot._replace(s_m=s_m, y_m=shot.y_m + shot.lateral_speed_m_s * step_s)
@@ -32,7 +33,7 @@ def moved(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int
 
 def collision(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> Collision | None:
     """The ego's collision in the step that begins at a snapshot."""
-    return rectangles_of(shot, road).ego_collision(moved(shot, road, step_s))
+    return rectangles_of(shot, road).ego_collision(motions(shot, road, step_s))
 
 
 def kind(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> CollisionKind | None:
@@ -158,9 +159,9 @@ def test_on_a_small_loop_the_ego_meets_the_one_that_is_nearer_behind_it() -> Non
 
 
 def test_a_standing_vehicle_that_rounding_moves_back_has_not_driven_a_lap() -> None:
-    there = displacement(499.999, 0.0, 499.999 - 1e-12, 0.0, ROAD)
+    there = moved(499.999, 0.0, 499.999 - 1e-12, 0.0, ROAD.lap_m)
     assert there == pytest.approx((499.999, 0.0, 0.0, 0.0), abs=1e-9)
-    assert displacement(499.0, 0.0, 14.0, 0.76, ROAD) == pytest.approx((499.0, 0.0, 15.0, 0.76))
+    assert moved(499.0, 0.0, 14.0, 0.76, ROAD.lap_m) == pytest.approx((499.0, 0.0, 15.0, 0.76))
 
 
 # Among many
@@ -181,7 +182,7 @@ def test_the_one_touched_first_is_named_among_many() -> None:
 def test_traffic_that_collides_with_itself_is_no_collision_of_the_ego_and_is_found() -> None:
     shot = snapshot(ahead(40.0, speed_m_s=30.0), ahead(49.0, speed_m_s=0.0), behind(90.0))
     assert collision(shot) is None
-    pairs = rectangles_of(shot, ROAD).collisions(moved(shot))
+    pairs = rectangles_of(shot, ROAD).collisions(motions(shot))
     assert pairs == [("vehicle1", "vehicle2")]
 
 
@@ -230,13 +231,13 @@ def test_of_10_000_random_approaches_exactly_those_that_overlap_on_the_way_are_f
         left_m = relative[1] + relative[3] * step_s * shares
         depth_m = np.minimum(LENGTH_M - np.abs(ahead_m), WIDTH_M - np.abs(left_m)).max()
         one, two = (
-            displacement(s, y, (s + v * step_s) % 500, y + u * step_s, ROAD)
+            moved(s, y, (s + v * step_s) % 500, y + u * step_s, ROAD.lap_m)
             for s, y, v, u in (ego, other)
         )
-        contact = first_contact(one, two, LENGTH_M, WIDTH_M, ROAD)
-        met += contact is not None
-        missed += contact is None and depth_m > 0
-        phantom += contact is not None and depth_m < -40 * step_s / 2000
+        touches = contact(one, two, LENGTH_M, WIDTH_M, ROAD.lap_m)[1] != NO_CONTACT
+        met += touches
+        missed += not touches and depth_m > 0
+        phantom += touches and depth_m < -40 * step_s / 2000
     assert (missed, phantom) == (0, 0)
     assert 2000 < met < 8000
 
@@ -257,7 +258,7 @@ def test_a_vehicle_that_touches_the_ego_in_a_decision_was_within_its_reach(
     shot = snapshot(*cars, s_m=s_m, speed_m_s=speed, v_y=v_y)
     step_s = 1.0 / steps
     commands = [Command(speed, CENTER + v_y * step_s * (n + 1), v_y) for n in range(steps)]
-    moves, rows = moved(shot, step_s=1.0), within_reach(shot, commands, step_s)
+    moves, rows = motions(shot, step_s=1.0), within_reach(shot, commands, step_s)
     ego = moves[0]
     touched = {
         row for row in moves if rectangles_of(shot, ROAD).ego_collision({0: ego, row: moves[row]})
