@@ -109,7 +109,7 @@ ASKED = IS_BLOCKING_LEADER | IS_BLOCKING_FOLLOWER | ASKED_BY_RIGHTWARD | ASKED_B
 
 
 class World(NamedTuple):
-    """One world: views of the arrays of ``Worlds``."""
+    """One world: views of the arrays of many ``Worlds``."""
 
     x: FloatArray
     """Real numbers, shape (rows, vehicles)."""
@@ -121,14 +121,8 @@ class World(NamedTuple):
     """The vehicles around that vehicle, and counts of the world, shape (147,)."""
 
 
-class Worlds(NamedTuple):
-    """Many worlds on one road; the first axis of each array is the world."""
-
-    x: FloatArray
-    z: IntArray
-    notes: FloatArray
-    near: IntArray
-
+Worlds = World
+"""Many worlds on one road; the first axis of each array is the world."""
 
 EDGE_BEGIN, EDGE_LENGTH, EDGE_ROUTE = range(3)
 """The rows of ``Net.edges_m``."""
