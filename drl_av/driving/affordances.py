@@ -1,6 +1,6 @@
 """The 27 affordance indicators, the ego's observation of the vehicles and lanes around it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -343,17 +343,12 @@ def affordances_of(indicators: Indicators, road: Road) -> Affordances:
     values, codes, (circumference_m, lane_width_m, _), range_m, _ = indicators
     number, code = values.tolist(), codes.tolist()
     lane, partial = code[LANE], road.partial_lanes
-    own_front, own_rear, right_front, right_rear, left_front, left_rear = (
-        None if row == NO_VEHICLE else Neighbor(row, *number[4 * slot : 4 * slot + 4])
-        for slot, row in enumerate(code[:6])
-    )
+    neighbors: dict[str, Any] = {
+        name: None if row == NO_VEHICLE else Neighbor(row, *number[4 * slot : 4 * slot + 4])
+        for slot, (name, row) in enumerate(zip(SLOTS, code[:6], strict=True))
+    }
     return Affordances(
-        own_front,
-        own_rear,
-        right_front,
-        right_rear,
-        left_front,
-        left_rear,
+        **neighbors,
         right_lane=code[RIGHT_LANE] == 1,
         left_lane=code[LEFT_LANE] == 1,
         lane=lane,

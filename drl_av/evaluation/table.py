@@ -73,12 +73,8 @@ class Inputs(NamedTuple):
 
     def extended(self, other: "Inputs") -> "Inputs":
         """Return a value with the entries of both; for a name in both, that of ``other``."""
-        return Inputs(
-            {**self.settings, **other.settings},
-            {**self.policies, **other.policies},
-            {**self.episodes, **other.episodes},
-            {**self.custom, **other.custom},
-        )
+        pairs: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]] = zip(self, other, strict=True)
+        return Inputs(*({**mine, **its} for mine, its in pairs))
 
 
 def checksums(specs: Iterable[DriverSpec]) -> dict[str, str]:
