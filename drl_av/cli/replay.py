@@ -207,7 +207,7 @@ def _new_sessions(
     seed, sessions = options.seed or 0, []
     for spec in specs:
         config = spec.config(shared)
-        own = custom._replace(safety_check=None) if spec.under else custom
+        own = custom.beside(spec.under)
         with closing(HighwayEnv(config=config, **own._asdict())) as env:
             implied = env.simulation.fleet.default_vehicle_count
             usual = USUAL_VEHICLES if implied is None else implied

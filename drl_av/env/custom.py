@@ -28,6 +28,10 @@ class CustomParts(NamedTuple):
     sumo_options: str | Sequence[str] = ()
     """Options of SUMO beside ours, such as ``"--fcd-output fcd.xml"``."""
 
+    def beside(self, check: str | None) -> "CustomParts":
+        """Return these for a driver with a check of its own, or all of them if it has none."""
+        return self._replace(safety_check=None) if check else self
+
     def words(self) -> dict[str, str]:
         """Return those that are given, by name, in words that a later process has too."""
         words = {name: _word(part) for name, part in self._asdict().items() if part}
@@ -46,6 +50,18 @@ def _word(part: Any) -> str:
     if module == "__main__":  # the program itself, which another one imports by its file's name
         module = Path(getattr(sys.modules["__main__"], "__file__", None) or module).stem
     return f"{module}:{named.__qualname__}"
+
+
+def with_check(
+    config: Config, given: str | SafetyCheck | None
+) -> tuple[Config, str | SafetyCheck | None]:
+    """Return the config under the safety check that an argument names, and the user's own check.
+
+    The argument is a name, the user's own check, which is then the second result, or None.
+    """
+    if not isinstance(given, str):
+        return config, given
+    return config.updated("safety", check=given), given if is_factory(given) else None
 
 
 def custom_check(given: str | SafetyCheck, config: Config) -> SafetyCheck:

@@ -11,13 +11,12 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from drl_av.config import Config
-from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, infer_action
-from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of
+from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of, with_check
 from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
     TrafficSetup,
@@ -78,10 +77,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                     "the name of a shipped scenario; settings are the argument config."
                 )
             config = with_scenario(config, scenario)
-        own_check = safety_check
-        if isinstance(safety_check, str):
-            config = config.updated("safety", check=safety_check)
-            own_check = safety_check if is_factory(safety_check) else None
+        config, own_check = with_check(config, safety_check)
         config = with_scenario(config)  # a copy may be made in another working directory
         given = None, safety_check, config, render_mode, action_mask, reward, observation
         gymnasium.utils.EzPickle.__init__(self, *given, sumo_options)

@@ -175,10 +175,7 @@ class _Equipment:
     def __init__(self, config: Config, specs: tuple[DriverSpec, ...], custom: CustomParts) -> None:
         self.given = config, specs, custom
         self._parts = {
-            spec.name: (spec.config(config), custom._replace(safety_check=None))
-            if spec.under
-            else (config, custom)
-            for spec in specs
+            spec.name: (spec.config(config), custom.beside(spec.under)) for spec in specs
         }
         self._groups = {spec.name: spec.group for spec in specs}
         self._envs: dict[Config, HighwayEnv] = {}

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any, TypeGuard
 
 from drl_av.config import Config
-from drl_av.config.functions import is_factory
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver, require_methods
 from drl_av.drivers.registry import (
@@ -19,7 +18,7 @@ from drl_av.drivers.registry import (
     is_complete,
     warn_of_checks,
 )
-from drl_av.env.custom import CustomParts
+from drl_av.env.custom import CustomParts, with_check
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
@@ -134,12 +133,9 @@ def evaluate(
     specs = _specs(drivers if _is_several(drivers) else [drivers], own)
     settings = driving_config(specs, config, traffic)
     settings = with_scenario(settings, scenario, traffic)
-    own_check = safety_check
+    settings, own_check = with_check(settings, safety_check)
     if safety_check is None and not is_complete(config):
         warn_of_checks(specs, settings.safety.check)
-    elif isinstance(safety_check, str):
-        settings = settings.updated("safety", check=safety_check)
-        own_check = safety_check if is_factory(safety_check) else None
     metrics = CriticalityMetrics if criticality else EpisodeMetrics
     seeds = range(seed, seed + episodes)
     custom = CustomParts(own_check, reward, observation)

@@ -227,7 +227,7 @@ def worst_sessions(
     sessions = []
     for row in worst:
         spec = specs[row.driver]
-        own = custom._replace(safety_check=None) if spec.under else custom
+        own = custom.beside(spec.under)
         driven = spec.config(config), drivers[row.driver], row.driver, row.seed, row.vehicles
         sessions.append(ReplaySession(*driven, custom=own, expected=row))
     return sessions

@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.config.functions import is_factory
 from drl_av.config.presets import as_config
-from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, with_check
 from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError
 from drl_av.learning.run_folder import open_training, tensorboard_writer
@@ -50,12 +49,7 @@ def train(
     """
     base = Config() if traffic is None else Config().with_traffic(traffic)
     settings = with_scenario(as_config(config, base), scenario, traffic)
-    own_check: str | SafetyCheck | None = None
-    if isinstance(safety_check, str):
-        settings = settings.updated("safety", check=safety_check)
-        own_check = safety_check if is_factory(safety_check) else None
-    elif safety_check is not None:
-        own_check = safety_check
+    settings, own_check = with_check(settings, safety_check)
     given = {"episodes": episodes, "seed": seed}
     given = {name: value for name, value in given.items() if value is not None}
     settings = settings.updated("learning", **given)
