@@ -9,7 +9,7 @@ import numpy as np
 
 from drl_av.config import Config, EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import ROAD_CURVATURE_PER_M, curvature_command, next_lane_change, plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.evaluation.figure_style import label_axes, panels
@@ -73,7 +73,7 @@ def _scene(at: Command, running: LaneChange | None, road: Road) -> Scene:
         length_m=np.array([loop.vehicle_length_m]),
         width_m=np.array([loop.vehicle_width_m]),
     )
-    return Scene(alone, compute_affordances(alone, road, road.lap_m), running, road)
+    return Scene(alone, compute_indicators(alone, road, road.lap_m), running, road)
 
 
 def _command(at: Command, target_m: float, road: Road, ego: EgoConfig) -> float:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from drl_av.compiled import numbers
 from drl_av.config import RewardConfig, SafetyConfig
-from drl_av.driving.affordances import Affordances
+from drl_av.driving.affordances import Affordances, Indicators
 from drl_av.env.reward import Rewards, desired_values, reward_numbers, terms
 from drl_av.safety.paper import SafetyNumbers
 
@@ -17,10 +17,9 @@ class Desired(NamedTuple):
     lateral_m: float
 
 
-def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig) -> Desired:
-    values, codes, *_ = affordances.arrays()
+def desired(seen: Indicators, config: RewardConfig, safety: SafetyConfig) -> Desired:
     given = reward_numbers(config), numbers(SafetyNumbers, safety)
-    return Desired(*desired_values(values, codes, affordances.lane_width_m, *given))
+    return Desired(*desired_values(seen.values, seen.codes, seen.ground[1], *given))
 
 
 def rewards(

@@ -21,7 +21,7 @@ from drl_av.driving.affordances import (
     CODES,
     VALUES,
     complete,
-    compute_affordances,
+    compute_indicators,
     indicators,
 )
 from drl_av.driving.nearest import Along, find_nearest, sort_along
@@ -94,7 +94,7 @@ def scene(rng: np.random.Generator, road: Road, range_m: float) -> Scene:
     if rng.random() < 0.5:
         lanes = (right, right + 1) if rng.random() < 0.5 else (right + 1, right)
         change = LaneChange(*lanes)
-    return Scene(shot, compute_affordances(shot, road, range_m), change, road)
+    return Scene(shot, compute_indicators(shot, road, range_m), change, road)
 
 
 def test_the_scenes_are_of_all_kinds() -> None:
@@ -175,9 +175,8 @@ def test_the_finite_state_machine_of_any_vehicle() -> None:
             seen = finite_state.surroundings(world.snapshot, road, 250.0, np.array([row]))
             wanted = np.array([state]), np.array([desired_m_s]), settings
             states, decisions = finite_state.finite_state(seen, *wanted)
-            values, codes, *_ = compute_affordances(
-                seen_from(world.snapshot, int(row)), road, 250.0
-            ).arrays()
+            shot = seen_from(world.snapshot, int(row))
+            values, codes, *_ = compute_indicators(shot, road, 250.0)
             expected = states[0], decisions.acceleration_m_s2[0], decisions.side[0]
             given = numbers(FiniteStateNumbers, settings)
             found = decides(values, codes, road.lane_width_m, state, desired_m_s, given)
@@ -191,8 +190,8 @@ def test_the_indicators_of_any_vehicle_in_the_place_of_the_ego() -> None:
         values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
         numbered = road_numbers(road)
         indicators(world.snapshot.arrays, numbered, range_m, values, codes, row)
-        expected = compute_affordances(seen_from(world.snapshot, row), road, range_m).vector()
-        assert values[:27].tobytes() == expected.tobytes()
+        expected = compute_indicators(seen_from(world.snapshot, row), road, range_m)
+        assert values.tobytes() == expected.values.tobytes()
 
 
 def test_the_order_along_the_road_finds_the_same_vehicles_as_a_look_at_all() -> None:

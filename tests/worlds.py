@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import Plan, plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
@@ -104,7 +104,7 @@ def scene(
 ) -> Scene:
     """A ``snapshot``, what the ego sees of it, and the lane change it is in."""
     shot = snapshot(*others, road=road, **ego)
-    return Scene(shot, compute_affordances(shot, road, range_m), lane_change, road)
+    return Scene(shot, compute_indicators(shot, road, range_m), lane_change, road)
 
 
 def changing(*others: Car, origin: int, target: int, seconds: int, road: Road = ROAD) -> Scene:

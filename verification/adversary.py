@@ -16,7 +16,7 @@ import numpy.typing as npt
 from drl_av.compiled import compiled, numbers
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, ego_numbers
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.compiled_road import road_numbers
 from drl_av.road.road import ARRIVED_M, FloatArray, Road
@@ -94,7 +94,7 @@ class World:
         origin, target = int(self.origin[row]), int(self.target[row])
         heading_rad = float(self.heading_rad[row])
         change = None if target == NONE else LaneChange(origin, target, heading_rad)
-        return Scene(shot, compute_affordances(shot, self.road, 250.0), change, self.road)
+        return Scene(shot, compute_indicators(shot, self.road, 250.0), change, self.road)
 
 
 class Orders(NamedTuple):

@@ -18,7 +18,7 @@ from drl_av.driving.actions import (
     action_of,
     ego_numbers,
 )
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.errors import ConfigError
@@ -138,7 +138,7 @@ class SteadyDriver(Driver):
         return self._permits(self._seen(later, scene.lane_change, scene.road), STEADY)
 
     def _seen(self, shot: Snapshot, change: LaneChange | None, road: Road) -> Scene:
-        return Scene(shot, compute_affordances(shot, road, self._range_m), change, road)
+        return Scene(shot, compute_indicators(shot, road, self._range_m), change, road)
 
 
 class PolicyDriver(Driver):

@@ -161,19 +161,6 @@ class Affordances(NamedTuple):
         values += (self.ego_speed_m_s, self.ego_y_m, self.ego_lateral_speed_m_s)
         return np.array(values)
 
-    def arrays(self) -> "Indicators":
-        """Return the indicators as compiled functions take them."""
-        rows = [NO_VEHICLE if slot is None else slot.vehicle for slot in self[:6]]
-        lanes = self.lane, self.right_lane, self.left_lane, self.mandatory.lanes
-        further = self.mandatory.within_m, self.allowed_speed_m_s, 0.0
-        values = np.append(self.vector(), further)
-        barriers = np.array(self.barriers, dtype=np.float64).reshape(-1, 3)
-        limits = [(self.lane, *limit) for limit in self.speed_limits]
-        numbers = np.array(limits, dtype=np.float64).reshape(-1, 4)
-        ground = float(self.circumference_m), float(self.lane_width_m), barriers
-        codes = np.array([*rows, *lanes], np.int64)
-        return Indicators(values, codes, ground, self.range_m, numbers)
-
 
 Ground = tuple[float, float, FloatArray]
 """What compiled functions need to know of the road around the ego, metres: the circumference, 0 on
@@ -218,7 +205,7 @@ def indicators(
     codes: IntArray,
     viewer: int = EGO,
 ) -> None:
-    """Compute the indicators of one scene (Sec. III); ``compute_affordances`` has the rules.
+    """Compute the indicators of one scene (Sec. III); ``compute_indicators`` has the rules.
 
     ``scene`` is ``Snapshot.arrays``. The function fills ``values``, shape (30,), and ``codes``,
     shape (10,), which ``Indicators`` describes. They are those of the ego, or of another vehicle in
@@ -318,7 +305,7 @@ def has_lane(codes: IntArray, sign: int) -> bool:
     return sign == 0 or codes[RIGHT_LANE + (sign > 0)] == 1
 
 
-def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affordances:
+def compute_indicators(snapshot: Snapshot, road: Road, range_m: float) -> Indicators:
     """Find the nearest vehicle ahead and behind in the ego's own, right and left lane (Sec. III).
 
     ``range_m`` is the largest gap that is observed. A vehicle occupies every lane that its body
@@ -329,8 +316,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
     numbers = road_numbers(road)
     indicators.fast(snapshot.arrays, numbers, float(range_m), values, codes, EGO)
-    ground, limits = ground_of(numbers), numbers.speed_limits
-    return affordances_of(Indicators(values, codes, ground, range_m, limits), road)
+    return Indicators(values, codes, ground_of(numbers), range_m, numbers.speed_limits)
 
 
 def ground_of(road: RoadNumbers) -> Ground:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config, ObservationConfig
 from drl_av.driving.actions import Action, Lateral, nearest_action, toward
-from drl_av.driving.affordances import Affordances, Indicators, affordances_of, compute_affordances
+from drl_av.driving.affordances import Affordances, Indicators, affordances_of, compute_indicators
 from drl_av.errors import ConfigError
 from drl_av.road.road import ARRIVED_M, OPEN_LAP_M, Road
 from drl_av.road.snapshot import EGO, Snapshot
@@ -41,32 +41,22 @@ class LaneChange(NamedTuple):
 class Scene:
     """All information that a driver or a safety check may use for a decision.
 
-    ``lane_change`` is the ego's lane change in progress, or None. The indicators exist in two
-    forms, by name and as arrays; each is computed from the other when it is needed first.
+    ``indicators`` are the indicators as arrays, for compiled functions. ``lane_change`` is the
+    ego's lane change in progress, or None.
     """
 
-    __slots__ = ("_affordances", "_indicators", "lane_change", "road", "snapshot")
+    __slots__ = ("_affordances", "indicators", "lane_change", "road", "snapshot")
 
     def __init__(
         self,
         snapshot: Snapshot,
-        affordances: Affordances,
+        indicators: Indicators,
         lane_change: LaneChange | None,
         road: Road,
     ) -> None:
-        self.snapshot, self.lane_change, self.road = snapshot, lane_change, road
-        self._affordances: Affordances | None = affordances
-        self._indicators: Indicators | None = None
-
-    @classmethod
-    def of(
-        cls, snapshot: Snapshot, indicators: Indicators, lane_change: LaneChange | None, road: Road
-    ) -> "Scene":
-        """Return the scene on ``road`` whose indicators are known as arrays."""
-        scene = cls.__new__(cls)
-        scene.snapshot, scene.lane_change, scene.road = snapshot, lane_change, road
-        scene._affordances, scene._indicators = None, indicators
-        return scene
+        self.snapshot, self.indicators = snapshot, indicators
+        self.lane_change, self.road = lane_change, road
+        self._affordances: Affordances | None = None
 
     @classmethod
     def from_arrays(
@@ -125,24 +115,15 @@ class Scene:
             )
         ids = "ego", *map(str, range(1, len(arrays[0])))
         shot = Snapshot(0.0, ids, *arrays)
-        seen = compute_affordances(shot, road, ObservationConfig().range_m)
+        seen = compute_indicators(shot, road, ObservationConfig().range_m)
         return cls(shot, seen, lane_change, road)
 
     @property
     def affordances(self) -> Affordances:
         """The indicators by name."""
         if self._affordances is None:
-            assert self._indicators is not None
-            self._affordances = affordances_of(self._indicators, self.road)
+            self._affordances = affordances_of(self.indicators, self.road)
         return self._affordances
-
-    @property
-    def indicators(self) -> Indicators:
-        """The indicators as arrays, for compiled functions."""
-        if self._indicators is None:
-            assert self._affordances is not None
-            self._indicators = self._affordances.arrays()
-        return self._indicators
 
     @property
     def lanes(self) -> tuple[int, int]:
@@ -154,14 +135,14 @@ class Scene:
         """Return this scene with other values of some of its four fields."""
         given = {
             "snapshot": self.snapshot,
-            "affordances": self.affordances,
+            "indicators": self.indicators,
             "lane_change": self.lane_change,
             "road": self.road,
         }
         return Scene(**(given | changes))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Scene, (self.snapshot, self.affordances, self.lane_change, self.road)
+        return Scene, (self.snapshot, self.indicators, self.lane_change, self.road)
 
 
 STILL_M = 1e-6

@@ -10,7 +10,7 @@ from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
@@ -147,8 +147,9 @@ class AttachedEgo:
     def _decide(self) -> dict[str, Any]:
         """Observe, decide and check; store the commands of the SUMO steps of this second."""
         config, (shot, road) = self._config, self._around.read()
-        affordances = compute_affordances(shot, road, config.observation.range_m)
-        scene = Scene(shot, affordances, self._lane_change_on(shot, road), road)
+        seen = compute_indicators(shot, road, config.observation.range_m)
+        scene = Scene(shot, seen, self._lane_change_on(shot, road), road)
+        affordances = scene.affordances
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
         observation = observation_function(self._groups, scale)(scene)
         proposed = self._driver.act(scene, observation)

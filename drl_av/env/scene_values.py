@@ -45,7 +45,7 @@ class SceneValues:
         )
         limits = self._numbers.speed_limits
         found = Indicators(values, codes, self._ground, self._range_m, limits)
-        scene = Scene.of(snapshot, found, lane_change, self._road)
+        scene = Scene(snapshot, found, lane_change, self._road)
         return scene, observation, Rewards(*terms)
 
 

@@ -64,7 +64,7 @@ class WorldArrays:
         found = self._indicators(row)
         origin, target = episodes.lanes[row].tolist()
         change = LaneChange(origin, target, float(episodes.heading_rad[row]))
-        return Scene.of(snapshot, found, None if origin == target else change, self.road)
+        return Scene(snapshot, found, None if origin == target else change, self.road)
 
     def _indicators(self, row: int) -> Indicators:
         """Return the indicators of the present scene of a world."""

@@ -8,9 +8,9 @@ from worlds import BARRICADED_ROAD, LEFT, RIGHT, Car, ahead, behind, scene
 from drl_av.config import Config, MobilConfig
 from drl_av.drivers.rule_based import MobilDriver, mandatory_bias, mobil_gain
 from drl_av.driving.actions import Lateral
+from drl_av.driving.affordances import CHANGES, WITHIN
 from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene
-from drl_av.road.road import MandatoryChange
 
 CONFIG = Config()
 
@@ -107,11 +107,11 @@ def test_bias_of_mandatory_lane_changes_grows_as_the_distance_shrinks() -> None:
 def test_a_mandatory_change_beats_the_gain_of_the_other_lane_and_not_the_safety_criterion() -> None:
     # the left lane gains 2.67 m/s2, the right lane nothing; its exit is on the right
     slow = ahead(40, speed_m_s=15), ahead(40, RIGHT, speed_m_s=15)
-    way = MandatoryChange(-1, 200.0)
 
     def lateral(*cars: Car) -> Lateral:
         world = scene(*cars)
-        return act(world._replace(affordances=world.affordances._replace(mandatory=way)))
+        world.indicators.codes[CHANGES], world.indicators.values[WITHIN] = -1, 200.0
+        return act(world)
 
     assert lateral(*slow) is Lateral.RIGHT
     assert lateral(*slow, behind(10, RIGHT, 28)) is Lateral.KEEP

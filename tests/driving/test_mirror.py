@@ -8,7 +8,7 @@ from worlds import ROAD, scenes
 
 from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, SimulationConfig
 from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.affordances import INDICATORS, compute_affordances
+from drl_av.driving.affordances import INDICATORS, compute_indicators
 from drl_av.driving.maneuver import plan
 from drl_av.driving.mirror import MIRROR
 from drl_av.driving.observation_scale import ObservationScale
@@ -39,7 +39,7 @@ def mirrored(world: Scene) -> Scene:
     if running is not None:
         running = LaneChange(2 - running.origin, 2 - running.target)
     road = Road(ROAD.lap_m, ROAD.lane_width_m, open_lanes(world)[::-1])
-    return Scene(swapped, compute_affordances(swapped, road, 250.0), running, road)
+    return Scene(swapped, compute_indicators(swapped, road, 250.0), running, road)
 
 
 def open_lanes(world: Scene) -> tuple[bool, ...]:

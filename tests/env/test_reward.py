@@ -26,7 +26,7 @@ from worlds import (
 )
 
 from drl_av.config import RewardConfig, SafetyConfig
-from drl_av.driving.affordances import Affordances, Neighbor
+from drl_av.driving.affordances import NO_VEHICLE, Indicators, has_lane
 from drl_av.driving.scene import Scene
 from drl_av.env.reward import (
     gap_reward,
@@ -47,7 +47,7 @@ SPEEDS = st.floats(0, 60)
 
 def wanted_by(world: Scene) -> tuple[float, float]:
     """The desired speed and lateral position of the ego in the traffic."""
-    return tuple(desired(world.affordances, TRAFFIC, SAFETY))
+    return tuple(desired(world.indicators, TRAFFIC, SAFETY))
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_safe_gap_is_1_3_s_of_headway_but_at_least_15_m(speed: float, gap: float
 
 @given(scenes(), st.sampled_from([TRAFFIC, FIXED, TOLERANT]))
 def test_every_term_lies_between_minus_one_and_zero(world: Scene, config: RewardConfig) -> None:
-    target = desired(world.affordances, config, SAFETY)
+    target = desired(world.indicators, config, SAFETY)
     terms = rewards(world.affordances, target, config, MINIMUM_GAP_M)
     assert all(-1 <= term <= 0 for term in (*terms, terms.total))
     assert terms.total == pytest.approx(sum(terms) / 3)
@@ -163,7 +163,7 @@ def test_without_a_vehicle_ahead_the_gap_costs_nothing() -> None:
 
 def test_fixed_desired_values_are_30_m_s_in_the_centre_lane_whatever_the_traffic() -> None:
     world = scene(ahead(16, CENTER, 14.0), y_m=RIGHT)
-    assert desired(world.affordances, FIXED, SAFETY) == Desired(30.0, 3.8)
+    assert desired(world.indicators, FIXED, SAFETY) == Desired(30.0, 3.8)
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_attainable_speed_is_that_of_the_leader_and_what_closing_the_gap_adds(
     gap: float, leader: float, speed: float
 ) -> None:
     world = scene(ahead(gap, CENTER, leader), ahead(5, LEFT, 1.0), speed_m_s=22.0)
-    values, codes, *_ = world.affordances.arrays()
+    values, codes, *_ = world.indicators
     assert lane_speed(values, codes, 0, TRAFFIC, SAFETY) == pytest.approx(speed)
 
 
@@ -260,7 +260,7 @@ def test_the_speed_of_the_best_lane_can_be_wanted_at_once(
     right: float, own: float, left: float, speed: float, lane: float
 ) -> None:
     config = dataclasses.replace(TRAFFIC, desired="best-lane")
-    found = desired(in_three_lanes(right, own, left).affordances, config, SAFETY)
+    found = desired(in_three_lanes(right, own, left).indicators, config, SAFETY)
     assert tuple(found) == pytest.approx((speed, lane))
 
 
@@ -271,16 +271,16 @@ def test_the_speed_of_the_best_lane_is_wanted_where_rule_3_bars_it_but_not_of_a_
     # one alongside at the left, which is otherwise free; the right lane is free, or closed
     others = (ahead(26, CENTER, 20.0), behind(1, LEFT, 20.0))
     slow_right = scene(*others, ahead(26, RIGHT, 20.0))
-    assert tuple(desired(slow_right.affordances, config, SAFETY)) == pytest.approx((30.0, CENTER))
+    assert tuple(desired(slow_right.indicators, config, SAFETY)) == pytest.approx((30.0, CENTER))
     closed = scene(ahead(26, CENTER, 20.0), ahead(26, LEFT, 20.0), road=BARRICADED_ROAD)
-    assert tuple(desired(closed.affordances, config, SAFETY)) == pytest.approx((20.0, CENTER))
+    assert tuple(desired(closed.indicators, config, SAFETY)) == pytest.approx((20.0, CENTER))
 
 
 def test_the_tolerance_is_for_the_speed_and_never_for_the_lane() -> None:
     # 20.4 m/s allowed ahead, 23.3 at the left: 2.9 more, too little for 3 m/s, though from 20
     # m/s, which is near enough to 20.4, it would be 3.3
     world = in_three_lanes(12, 20.4, 23.3)
-    assert tuple(desired(world.affordances, TOLERANT, SAFETY)) == pytest.approx((20.0, CENTER))
+    assert tuple(desired(world.indicators, TOLERANT, SAFETY)) == pytest.approx((20.0, CENTER))
 
 
 def test_past_the_line_the_speed_of_the_new_lane_is_wanted() -> None:
@@ -316,19 +316,15 @@ def test_a_lane_that_rule_3_bars_is_not_wanted(
     assert wanted_by(world)[1] == pytest.approx(lane)
 
 
-def seen_again(vector: np.ndarray) -> Affordances:
+def seen_again(vector: np.ndarray) -> Indicators:
     """What the ego saw, read back from the 27 indicators alone."""
     slots = vector[:24].reshape(6, 4)
-    y_m = float(vector[25])
-    lane = math.floor(y_m / LANE_M + 0.5)
-    missing = [not slot[[0, 1, 3]].any() for slot in slots]
-    neighbors = [
-        None if gone or slot[0] >= 250 else Neighbor(0, *map(float, slot))
-        for slot, gone in zip(slots, missing, strict=True)
-    ]
+    lane = math.floor(vector[25] / LANE_M + 0.5)
+    missing = ~slots[:, [0, 1, 3]].any(axis=1)
+    rows = np.where(missing | (slots[:, 0] >= 250), NO_VEHICLE, 0)
     lanes = [not all(missing[first : first + 2]) for first in (2, 4)]
-    own = (float(vector[24]), y_m, float(vector[26]))
-    return Affordances(*neighbors, *lanes, lane, lane * LANE_M, LANE_M, 250.0, *own)
+    values, codes = np.append(vector, (math.inf, math.inf, 0.0)), np.array([*rows, lane, *lanes, 0])
+    return Indicators(values, codes, (0.0, LANE_M, np.empty((0, 3))), 250.0, np.empty((0, 4)))
 
 
 @given(scenes(), st.sampled_from([TRAFFIC, TOLERANT]))
@@ -337,8 +333,8 @@ def test_desired_values_are_a_function_of_the_observation_alone(
 ) -> None:
     again = seen_again(world.affordances.vector())
     for sign in (1, -1):
-        assume(again.has_lane(sign) is world.affordances.has_lane(sign))
-    wanted = desired(world.affordances, config, SAFETY)
+        assume(has_lane(again.codes, sign) == world.affordances.has_lane(sign))
+    wanted = desired(world.indicators, config, SAFETY)
     for neighbor in world.affordances[
         :6
     ]:  # one alongside at the ego's own velocity looks like a wall
@@ -357,5 +353,5 @@ def test_desired_lane_is_within_reach_of_one_lane_change() -> None:
 def test_of_two_lanes_that_are_as_good_the_nearer_one_is_desired(
     aside_m: float, y_m: float
 ) -> None:
-    blocked = scene(ahead(60.0, speed_m_s=10.0), y_m=CENTER + aside_m).affordances
+    blocked = scene(ahead(60.0, speed_m_s=10.0), y_m=CENTER + aside_m).indicators
     assert desired(blocked, RewardConfig(), SafetyConfig()).lateral_m == y_m

@@ -188,7 +188,7 @@ def test_the_ego_keeps_the_limit_and_everything_that_it_sees_shows_it(slow: High
         speeds.append((front_m, speed))
         sees = made.next_scene.affordances
         assert speed <= sees.allowed_speed_m_s + 1e-6
-        target = desired(sees, slow.config.reward, slow.config.safety)
+        target = desired(made.next_scene.indicators, slow.config.reward, slow.config.safety)
         assert target.speed_m_s <= min(30.0, sees.allowed_speed_m_s) + 1e-9
     inside = [speed for front_m, speed in speeds if begins_m <= front_m < ends_m]
     assert max(inside) == pytest.approx(12.0)

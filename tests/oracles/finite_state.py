@@ -82,7 +82,7 @@ class Surroundings(NamedTuple):
 def surroundings(
     snapshot: Snapshot, road: Road, range_m: float, rows: npt.NDArray[np.intp]
 ) -> Surroundings:
-    """Find the neighbours of R vehicles by the rules of ``compute_affordances``.
+    """Find the neighbours of R vehicles by the rules of ``compute_indicators``.
 
     ``rows``, shape (R,), holds the row index of each vehicle in the snapshot arrays.
     """

@@ -75,9 +75,7 @@ class Blind(Strict):
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         indicators = scene.indicators
         ground = (*indicators.ground[:2], np.empty((0, 3)))
-        blind = Scene.of(
-            scene.snapshot, indicators._replace(ground=ground), scene.lane_change, ROAD
-        )
+        blind = Scene(scene.snapshot, indicators._replace(ground=ground), scene.lane_change, ROAD)
         return super()._arguments(blind)
 
 

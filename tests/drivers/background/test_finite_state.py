@@ -6,7 +6,7 @@ from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, Car, ahead, behind, scenes
 
 from drl_av.config import FiniteStateConfig
 from drl_av.drivers.background.finite_state import CRUISE, FOLLOW, LANE_CHANGE, finite_state
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.scene import Scene
 from drl_av.road.snapshot import Snapshot
 
@@ -17,7 +17,7 @@ def decide(
     shot: Snapshot, state: int = CRUISE, desired_m_s: float = 30.0
 ) -> tuple[int, float, int]:
     """The ego's next state, acceleration and side."""
-    values, codes, *_ = compute_affordances(shot, ROAD, 250.0).arrays()
+    values, codes, *_ = compute_indicators(shot, ROAD, 250.0)
     after, acceleration, side = finite_state(values, codes, LANE_M, state, desired_m_s, CONFIG)
     return after, float(acceleration), side
 

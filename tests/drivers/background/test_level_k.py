@@ -19,7 +19,7 @@ from drl_av.drivers.background.level_k import (
 from drl_av.drivers.network import Layers, QNetwork, forward
 from drl_av.drivers.policy_file import save_policy
 from drl_av.driving.actions import ACTIONS, acceleration_of
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import CheckpointError
 from drl_av.road.snapshot import Snapshot
@@ -32,7 +32,7 @@ def decisions(driver: LevelKNumbers, shot: Snapshot) -> tuple[list[float], list[
     """The accelerations and the lane changes that each vehicle wants as a level-1 driver."""
     wanted = []
     for row in range(len(shot.ids)):
-        values, codes, *_ = compute_affordances(seen_from(shot, row), ROAD, 250.0).arrays()
+        values, codes, *_ = compute_indicators(seen_from(shot, row), ROAD, 250.0)
         units = np.empty((2, driver.units), np.float32)
         wanted.append(level_k(values, codes, ROAD.lane_width_m, driver, units))
     accelerations, sides = zip(*wanted, strict=True)
@@ -40,7 +40,7 @@ def decisions(driver: LevelKNumbers, shot: Snapshot) -> tuple[list[float], list[
 
 
 def wanted_by_ego(*others: Car) -> float:
-    values, codes, *_ = compute_affordances(snapshot(*others), ROAD, 250.0).arrays()
+    values, codes, *_ = compute_indicators(snapshot(*others), ROAD, 250.0)
     return acceleration_of(level_0(values, codes, CONFIG.level_0), CONFIG.ego)
 
 
@@ -134,9 +134,9 @@ def run(tmp_path: Path) -> Path:
 def test_level_1_decides_as_the_network_of_a_run_sees_it(run: Path) -> None:
     shot = snapshot(*(ahead(17.0 * k, (RIGHT, CENTER, LEFT)[k % 3], 10.0 + k) for k in range(1, 9)))
     layers = QNetwork(np.random.default_rng(41), hidden=(16, 16)).layers
-    seen = [compute_affordances(seen_from(shot, row), ROAD, 250.0) for row in range(9)]
+    seen = [compute_indicators(seen_from(shot, row), ROAD, 250.0) for row in range(9)]
     scale = ObservationScale(CONFIG.observation, 25.0, ROAD)
-    observations = scale(np.array([each.vector() for each in seen]))
+    observations = scale(np.array([each.values[:27] for each in seen]))
     best = np.array([forward(layers, row)[1].argmax() for row in observations])
     assert len(set(best % 4)) > 1
     meant = np.array([MAINTAIN, ACCELERATE, BRAKE, HARD_BRAKE])[best % 4]

@@ -14,7 +14,7 @@ from drl_av.config import Config
 from drl_av.drivers.background.level_k import level_k, load_level_k
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.drivers.rule_based import RandomDriver
-from drl_av.driving.affordances import compute_affordances
+from drl_av.driving.affordances import compute_indicators
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.replay import ReplaySession
 from drl_av.road.snapshot import Command, Snapshot, TrafficCommands
@@ -252,7 +252,7 @@ def test_level_2_drives_by_its_own_network() -> None:
     wanted, driver = [], load_level_k(ROAD, 2)
     units = np.empty((2, driver.units), np.float32)
     for row in range(1, 31):
-        values, codes, *_ = compute_affordances(seen_from(shot, row), ROAD, 250.0).arrays()
+        values, codes, *_ = compute_indicators(seen_from(shot, row), ROAD, 250.0)
         wanted.append(level_k(values, codes, ROAD.lane_width_m, driver, units)[0])
     assert found[1].tolist() == wanted != found[0].tolist()
 
