@@ -1,6 +1,8 @@
 """The errors that the package raises; each message is one sentence: what, where, what to do."""
 
 import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 def pluralize(number: int, noun: str) -> str:
@@ -53,3 +55,20 @@ class RunError(DrlAvError):
 
 class RecordingError(DrlAvError):
     """A recorded episode is damaged, or its replay deviates from it."""
+
+
+@contextmanager
+def needed_by(
+    what: object, package: str, install: str, kind: type[DrlAvError] = DrlAvError
+) -> Iterator[None]:
+    """Raise an error if an import inside the ``with`` block fails.
+
+    Its sentence names what needs the package, and says how to install it: ``install`` is what
+    follows "pip install".
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise kind(
+            f"{what} needs the package {package}, which is not installed: pip install {install}."
+        ) from error

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from drl_av.drawing.picture import Picture
-from drl_av.errors import RecordingError
+from drl_av.errors import RecordingError, needed_by
 from drl_av.files import replacing
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import Snapshot
@@ -93,13 +93,9 @@ def require_film(path: Path, fps: float) -> None:
 
 
 def _ffmpeg() -> ModuleType:
-    try:
+    install = "imageio-ffmpeg, or name a .gif file"
+    with needed_by("A film in .mp4", "imageio-ffmpeg", install, RecordingError):
         import imageio_ffmpeg
-    except ImportError as error:
-        raise RecordingError(
-            "A film in .mp4 needs the package imageio-ffmpeg, which is not installed: pip install "
-            "imageio-ffmpeg, or name a .gif file."
-        ) from error
     return imageio_ffmpeg  # type: ignore[no-any-return]
 
 

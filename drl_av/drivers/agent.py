@@ -25,7 +25,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import Scene
-from drl_av.errors import CheckpointError, DrlAvWarning
+from drl_av.errors import CheckpointError, DrlAvWarning, needed_by
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
 
@@ -208,14 +208,10 @@ def _policy_module(path: Path, data: Mapping[str, Any]) -> str:
 
 def _library(path: Path, library: str) -> Any:
     """Import an agent's library; return the module of stable-baselines3 that reads zip files."""
-    try:
+    package = library.replace("_", "-")
+    with needed_by(path, package, package, CheckpointError):
         importlib.import_module(library)
         return importlib.import_module("stable_baselines3.common.save_util")
-    except ImportError as error:
-        package = library.replace("_", "-")
-        raise CheckpointError(
-            f"{path} needs the package {package}, which is not installed: pip install {package}."
-        ) from error
 
 
 def _is_pickled(value: object) -> bool:

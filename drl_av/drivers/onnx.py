@@ -22,7 +22,7 @@ from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.mirror import MIRROR
 from drl_av.driving.observation_scale import ObservationScale, indicator_meaning
 from drl_av.driving.scene import Scene
-from drl_av.errors import CheckpointError, ConfigError, DrlAvError
+from drl_av.errors import CheckpointError, ConfigError, DrlAvError, needed_by
 from drl_av.files import write_atomic
 
 
@@ -133,12 +133,8 @@ def export(
             "A driver that was trained with observation.way cannot be exported, because the file "
             "has no inputs for its way: train one without, or drive it with drl-av."
         )
-    try:
+    with needed_by("The export", "onnx", "'drl-av[onnx]'"):
         import onnx
-    except ImportError as error:
-        raise DrlAvError(
-            "The export needs the package onnx, which is not installed: pip install 'drl-av[onnx]'."
-        ) from error
     graph = Graph()
     s = _scaled(graph, scale)
     values = _values(graph, network, s, config.learning.mirrored)
@@ -309,13 +305,8 @@ def _session(path: Path, observed: int) -> Run:
     The array with the name '' is for a network of a user, which has only one input. Weights in
     other files are read from the folder of ``path``.
     """
-    try:
+    with needed_by(path, "onnxruntime", "'drl-av[onnx]'", CheckpointError):
         import onnxruntime
-    except ImportError as error:
-        raise CheckpointError(
-            f"{path} needs the package onnxruntime, which is not installed: "
-            "pip install 'drl-av[onnx]'."
-        ) from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4  # the error is raised, too

@@ -20,7 +20,7 @@ from drl_av.driving.actions import (
     SIGNS,
 )
 from drl_av.driving.wide_observation import WIDE_NAMES
-from drl_av.errors import ConfigError, DrlAvError
+from drl_av.errors import ConfigError, needed_by
 from drl_av.files import write_atomic
 
 
@@ -149,12 +149,8 @@ def export_actor(path: Path, layers: Layers, config: Config) -> dict[str, str]:
     Raises:
         DrlAvError: onnx is not installed, or the file cannot be written.
     """
-    try:
+    with needed_by("The export", "onnx", "'drl-av[onnx]'"):
         from onnx import TensorProto, checker, helper, numpy_helper
-    except ImportError as error:
-        raise DrlAvError(
-            "The export needs the package onnx, which is not installed: pip install 'drl-av[onnx]'."
-        ) from error
     constants = {"far": np.array(FAR, np.float32)}
     make = helper.make_node
     nodes = [

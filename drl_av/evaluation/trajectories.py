@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drl_av.driving.actions import ACTIONS
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, needed_by
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.recording import COLUMNS, Recording, load_recording
 from drl_av.files import write_atomic
@@ -18,12 +18,8 @@ if TYPE_CHECKING:
 
 def import_pandas(caller: str) -> Any:
     """Return the module pandas; raise DrlAvError, which names the caller, if it is missing."""
-    try:
+    with needed_by(caller, "pandas", "pandas"):
         import pandas
-    except ImportError as error:
-        raise DrlAvError(
-            f"{caller} needs the package pandas, which is not installed: pip install pandas."
-        ) from error
     return pandas
 
 
