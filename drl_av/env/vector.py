@@ -19,6 +19,7 @@ from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.custom import custom_observation_of, custom_reward_of
 from drl_av.env.episode_start import (
     actions_of_worlds,
@@ -32,12 +33,14 @@ from drl_av.env.episode_start import (
 from drl_av.env.observation import (
     GroupObservation,
     ObservationFunction,
+    WideObservation,
     default_groups,
     observation_function,
 )
 from drl_av.env.transition import RewardFunction, Transition, custom_reward
 from drl_av.env.twin_episodes import CHECK_NUMBERS, look_all
 from drl_av.env.vector_info import Decided, common_info, step_info, transition_of, with_final
+from drl_av.env.wide_view import wide_view
 from drl_av.env.world_arrays import WorldArrays
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
@@ -272,6 +275,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
 
     def _observations(self) -> Observations:
         """Return a copy of the present observations."""
+        if isinstance(self._observe, WideObservation):
+            return wide_view(self)[0][:, :WIDE_SIZE].copy()
         if not isinstance(self._observe, GroupObservation):
             space = self.single_observation_space
             each = [self._observe(self.scene(row)) for row in range(self.num_envs)]

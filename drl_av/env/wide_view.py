@@ -8,7 +8,7 @@ from drl_av.drivers.network import Layers, forward
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.wide_observation import WIDE_SIZE, wide_observation
 from drl_av.env.twin_episodes import Episodes, Task
-from drl_av.env.vector import TwinVectorEnv
+from drl_av.env.world_arrays import WorldArrays
 from drl_av.twin.worlds import IntArray
 
 Float32Array = npt.NDArray[np.float32]
@@ -45,12 +45,17 @@ def look_wide(
             permitted[w, :] = True
 
 
-def most_probable_actions(layers: Layers, worlds: TwinVectorEnv) -> IntArray:
-    """Return the permitted action with the largest logit of an actor in each world."""
+def wide_view(worlds: WorldArrays) -> tuple[Float32Array, Flags]:
+    """Return what ``look_wide`` fills for all worlds: observations with masks, what is permitted."""
     n = worlds.num_envs
     observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
     permitted = np.zeros((n, len(ACTIONS)), np.bool_)
-    seen = worlds.vehicles + 1, observed, permitted
-    look_wide(worlds.episodes, worlds.task, np.arange(n), *seen)
+    look_wide(worlds.episodes, worlds.task, np.arange(n), worlds.vehicles + 1, observed, permitted)
+    return observed, permitted
+
+
+def most_probable_actions(layers: Layers, worlds: WorldArrays) -> IntArray:
+    """Return the permitted action with the largest logit of an actor in each world."""
+    observed, permitted = wide_view(worlds)
     logits = np.where(permitted, forward(layers, observed)[1], -np.inf)
     return np.asarray(logits.argmax(axis=1), np.int64)

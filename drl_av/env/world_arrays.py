@@ -25,7 +25,7 @@ from drl_av.twin.worlds import COUNT, STEP, World, Worlds, empty_worlds
 
 
 class WorldArrays:
-    """The worlds of a config; ``make_vec`` makes their episodes of them.
+    """The worlds of a config, whose episodes the vector environment begins.
 
     Raises:
         ConfigError: the twin cannot do what the settings ask.
