@@ -46,7 +46,7 @@ def look_wide(
 
 
 def wide_view(worlds: WorldArrays) -> tuple[Float32Array, Flags]:
-    """Return what ``look_wide`` fills for all worlds: observations with masks, what is permitted."""
+    """Return what ``look_wide`` fills for all worlds: the observation, and what is permitted."""
     n = worlds.num_envs
     observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
     permitted = np.zeros((n, len(ACTIONS)), np.bool_)
