@@ -114,6 +114,7 @@ results: setup
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
 	$(call text,twin_equality.txt,-m verification.twin_equality --jobs 2)
 	$(call text,ablation.txt,-m studies.ablation)
+	$(call text,scale.txt,-m studies.scale)
 	$(call text,twin_open_roads.txt,-m verification.twin_roads)
 	$(call text,sharper.txt,-m verification.sharper)
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)

@@ -119,6 +119,7 @@ TABLES: dict[str, Table] = {
     "speed_bound": Table(lambda: printed("speed_bound.txt")),
     "clairvoyant": Table(lambda: printed("clairvoyant.txt")),
     "ablation": Table(lambda: printed("ablation.txt")),
+    "scale": Table(lambda: printed("scale.txt")),
     "sharper": Table(lambda: printed("sharper.txt")),
     "shielding": Table(lambda: shielding_report.section(RESULTS_FOLDER)),
     "stories": Table(lambda: stories.section(RESULTS_FOLDER)),
