@@ -149,12 +149,17 @@ class GroupObservation:
             ) from error
 
 
+WIDE = "wide"
+"""The name of ``WideObservation``."""
+
+
 class WideObservation:
     """The observation of the driver that was trained at scale; ``WIDE_NAMES`` describes it (ours).
 
     It is chosen by the name ``wide`` alone, instead of groups of indicators.
     """
 
+    groups = WIDE
     names = WIDE_NAMES
     """Name of each element of the observation."""
 
@@ -165,10 +170,6 @@ class WideObservation:
     def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
         """Return the wide observation of a scene."""
         return observe_wide(scene.snapshot, *self._see, scene.lanes)
-
-
-WIDE = "wide"
-"""The name of ``WideObservation``."""
 
 
 class OwnObservation:

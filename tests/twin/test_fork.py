@@ -239,6 +239,7 @@ def test_the_copies_of_a_named_environment_observe_what_it_does(world: str) -> N
         env.reset(seed=1)
         copies = env.unwrapped.fork(2)  # type: ignore[attr-defined]
         assert copies.observation_space.shape == (2, *env.observation_space.shape)
+        assert copies.step(np.zeros(2, np.int64))[0][0] == pytest.approx(env.step(0)[0], abs=0.02)
 
 
 def test_on_an_open_road_other_vehicles_enter_where_the_future_is_not_known() -> None:
