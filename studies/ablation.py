@@ -6,7 +6,7 @@ in the same traffic.
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -248,28 +248,48 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command line."""
-    parser = argparse.ArgumentParser("python -m studies.ablation", description=__doc__)
-    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2])
+def command_line(name: str, doc: str | None, seeds: int) -> argparse.ArgumentParser:
+    """Return the parser of a study of trainings, whose default are the first ``seeds`` seeds."""
+    parser = argparse.ArgumentParser(f"python -m studies.{name}", description=doc)
+    parser.add_argument("--seeds", nargs="+", type=int, default=[*range(seeds)])
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--runs", type=Path, default=Path("runs/studies/ablation"))
-    parser.add_argument("--out", type=Path, default=RESULTS / "ablation.csv")
-    given = parser.parse_args(words)
+    parser.add_argument("--runs", type=Path, default=Path("runs/studies") / name)
+    parser.add_argument("--out", type=Path, default=RESULTS / f"{name}.csv")
+    return parser
+
+
+def complete(
+    given: argparse.Namespace,
+    row: type,
+    jobs: Iterable[tuple[Any, ...]],
+    train: Callable[[Path, Any], None],
+    measure: Callable[[Path, Any], Sequence[Any]],
+) -> list[dict[str, Any]]:
+    """Train what the table lacks, measure it, and return all rows.
+
+    The first fields of each row, a NamedTuple ``row``, are those of its job.
+    """
     given.runs.mkdir(parents=True, exist_ok=True)
-    rows = read_table(given.out, column_types(Row), growing=True)
-    known = {(row["variant"], row["seed"]) for row in rows}
-    jobs = [(variant, seed) for seed in given.seeds for variant in given.variants]
-    missing = [job for job in jobs if job not in known]
+    known = [[*each.values()] for each in read_table(given.out, column_types(row), growing=True)]
+    missing = [job for job in jobs if [*job] not in [each[: len(job)] for each in known]]
     if missing:
         with ProcessPoolExecutor(given.jobs) as pool:
             list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
             list(pool.map(partial(train, given.runs), missing))
             for found in pool.map(partial(measure, given.runs), missing):
-                append_rows(given.out, Row, found)
+                append_rows(given.out, row, found)
+    return read_table(given.out, column_types(row))
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the command line."""
+    parser = command_line("ablation", __doc__, seeds=3)
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
+    given = parser.parse_args(words)
+    jobs = [(variant, seed) for seed in given.seeds for variant in given.variants]
+    rows = complete(given, Row, jobs, train, measure)
     print(f"gain over gap-mobil under strict, m/s, in the twin, after {DECISIONS:,} decisions")
-    print(table(read_table(given.out, column_types(Row))))
+    print(table(rows))
 
 
 if __name__ == "__main__":

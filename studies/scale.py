@@ -4,10 +4,7 @@
 A policy drives in the twin under ``strict``, beside ``gap-mobil`` in the same traffic.
 """
 
-import argparse
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,10 +13,8 @@ import numpy as np
 from drl_av.config import SINGLE_PRESETS
 from drl_av.config.presets import PRESETS
 from drl_av.evaluation.figure_style import one_panel, save_figure
-from drl_av.files import append_rows, column_types, read_table
 from drl_av.learning.large_scale import TwinWorlds, learner_of, save_actor
-from studies.ablation import drive_rule, gain
-from studies.options import RESULTS
+from studies.ablation import command_line, complete, gain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,8 +36,9 @@ class Row(NamedTuple):
     ego_hits: int
 
 
-def train(runs: Path, seed: int) -> None:
+def train(runs: Path, job: tuple[int]) -> None:
     """Train the preset with a seed, and keep its policies."""
+    [seed] = job
     if _policy_file(runs, seed, POINTS[-1]).exists():
         return
     config = PRESETS["large"].updated("learning", seed=seed)
@@ -53,11 +49,14 @@ def train(runs: Path, seed: int) -> None:
         save_actor(_policy_file(runs, seed, point), learner, config)
 
 
-def measure(runs: Path, job: tuple[int, int]) -> list[Row]:
-    """Return the rows of one policy, a row for each kind of traffic."""
-    policy = _policy_file(runs, *job)
-    found = [gain(runs, kind, policy, TwinWorlds) for kind in SINGLE_PRESETS]
-    return [Row(*job, *row) for row in zip(SINGLE_PRESETS, *zip(*found, strict=True), strict=True)]
+def measure(runs: Path, job: tuple[int]) -> list[Row]:
+    """Return the rows of one seed, a row for each of its policies and each kind of traffic."""
+    [seed], rows = job, []
+    for point in POINTS:
+        for kind in SINGLE_PRESETS:
+            policy = _policy_file(runs, seed, point)
+            rows.append(Row(seed, point, kind, *gain(runs, kind, policy, TwinWorlds)))
+    return rows
 
 
 def _policy_file(runs: Path, seed: int, decisions: int) -> Path:
@@ -102,23 +101,8 @@ def figure(rows: Sequence[dict[str, Any]]) -> "Figure":
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser("python -m studies.scale", description=__doc__)
-    parser.add_argument("--seeds", nargs="+", type=int, default=[*range(5)])
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--runs", type=Path, default=Path("runs/studies/scale"))
-    parser.add_argument("--out", type=Path, default=RESULTS / "scale.csv")
-    given = parser.parse_args(words)
-    given.runs.mkdir(parents=True, exist_ok=True)
-    rows = read_table(given.out, column_types(Row), growing=True)
-    known = {(row["seed"], row["decisions"]) for row in rows}
-    missing = [(s, point) for s in given.seeds for point in POINTS if (s, point) not in known]
-    if missing:
-        with ProcessPoolExecutor(given.jobs) as pool:
-            list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
-            list(pool.map(partial(train, given.runs), dict(missing)))
-            for found in pool.map(partial(measure, given.runs), missing):
-                append_rows(given.out, Row, found)
-    rows = read_table(given.out, column_types(Row))
+    given = command_line("scale", __doc__, seeds=5).parse_args(words)
+    rows = complete(given, Row, [(seed,) for seed in given.seeds], train, measure)
     save_figure(figure(rows), given.out.with_suffix(".png"))
     print("gain over gap-mobil under strict, m/s, in the twin, at the end of each training")
     print(table(rows))

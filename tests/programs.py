@@ -1,4 +1,4 @@
-"""Python programs in processes of their own, and a pool that has none."""
+"""Python programs in processes of their own."""
 
 import os
 import subprocess
@@ -22,18 +22,3 @@ def python(
         check=False,
         timeout=HANG_S,
     )
-
-
-class InPlace:
-    """A pool of no processes."""
-
-    def __init__(self, jobs: int) -> None:
-        pass
-
-    def __enter__(self) -> "InPlace":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    map = staticmethod(map)

@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from drl_av.evaluation import engines
+from studies import ablation
 from studies.options import Options
 
 SHORT = """
@@ -40,3 +42,29 @@ def short(tmp_path: Path) -> Options:
     (tmp_path / "short.toml").write_text(SHORT)
     config, runs, out = (str(tmp_path / "short.toml"),), tmp_path / "runs", tmp_path / "out"
     return Options(1, "here", runs, out, config, most_episodes=2, most_trainings=2)
+
+
+class InPlace:
+    """A pool of no processes."""
+
+    def __init__(self, jobs: int) -> None:
+        pass
+
+    def __enter__(self) -> "InPlace":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    map = staticmethod(map)
+
+
+@pytest.fixture
+def two_episodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A study of trainings drives two episodes among 5 vehicles; its words for one seed, 7."""
+    monkeypatch.setattr(ablation, "EPISODES", 2)
+    monkeypatch.setattr(ablation, "COUNTS", (5,))
+    monkeypatch.setattr(ablation, "drive_rule", lambda runs, kind: None)
+    monkeypatch.setattr(np, "load", lambda path: np.full((1, 2), 20.0))
+    monkeypatch.setattr(ablation, "ProcessPoolExecutor", InPlace)
+    return ["--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out.csv"), "--seeds", "7"]

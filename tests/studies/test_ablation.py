@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from programs import InPlace
 
 from drl_av.config import SINGLE_PRESETS
 from drl_av.files import read_table
@@ -42,20 +40,16 @@ def test_an_episode_begins_with_its_first_second_twice_and_then_remembers() -> N
         assert (seen[~dones, :wide] == before[~dones, wide : 2 * wide]).all()
 
 
-def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_goes_on_where_it_stopped(
+    tmp_path: Path, two_episodes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(ablation, "DECISIONS", 16_384)
-    monkeypatch.setattr(ablation, "EPISODES", 2)
-    monkeypatch.setattr(ablation, "COUNTS", (5,))
-    monkeypatch.setattr(ablation, "drive_rule", lambda runs, kind: None)
-    monkeypatch.setattr(np, "load", lambda path: np.full((1, 2), 20.0))
-    monkeypatch.setattr(ablation, "ProcessPoolExecutor", InPlace)
-    words = ["--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out.csv"), "--seeds", "0"]
-    ablation.main([*words, "--variants", "calm"])
-    policy = tmp_path / "runs" / "calm-0.safetensors"
+    ablation.main([*two_episodes, "--variants", "calm"])
+    policy = tmp_path / "runs" / "calm-7.safetensors"
     made = policy.stat().st_mtime_ns
     first = read_table(tmp_path / "out.csv")
     assert [row["traffic"] for row in first] == [*SINGLE_PRESETS]
     assert all(-20.0 < float(row["gain_m_s"]) <= 10.0 for row in first)
-    ablation.main([*words, "--variants", "calm"])
+    ablation.main([*two_episodes, "--variants", "calm"])
     assert policy.stat().st_mtime_ns == made
     assert read_table(tmp_path / "out.csv") == first

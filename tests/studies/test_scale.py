@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from programs import InPlace
 
 from drl_av.config import SINGLE_PRESETS
 from drl_av.files import read_table
-from studies import ablation, scale
+from studies import scale
 
 
 def test_the_table_has_the_ends_alone_and_the_worst_of_each_column() -> None:
@@ -27,16 +25,13 @@ def test_the_table_has_the_ends_alone_and_the_worst_of_each_column() -> None:
 
 
 def test_it_keeps_policies_on_the_way_and_goes_on_where_it_stopped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    two_episodes: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(scale, "POINTS", (16_384, 40_000))
-    monkeypatch.setattr(ablation, "EPISODES", 2)
-    monkeypatch.setattr(ablation, "COUNTS", (5,))
-    monkeypatch.setattr(scale, "drive_rule", lambda runs, kind: None)
-    monkeypatch.setattr(np, "load", lambda path: np.full((1, 2), 20.0))
-    monkeypatch.setattr(scale, "ProcessPoolExecutor", InPlace)
-    words = ["--runs", str(tmp_path / "runs"), "--out", str(tmp_path / "out.csv"), "--seeds", "7"]
-    scale.main(words)
+    scale.main(two_episodes)
     kept = sorted(path.name for path in (tmp_path / "runs").iterdir())
     assert kept == ["7-16384.safetensors", "7-40000.safetensors"]
     assert (tmp_path / "runs" / kept[0]).read_bytes() != (tmp_path / "runs" / kept[1]).read_bytes()
@@ -44,6 +39,6 @@ def test_it_keeps_policies_on_the_way_and_goes_on_where_it_stopped(
     assert [row["decisions"] for row in first] == [*5 * ["16384"], *5 * ["40000"]]
     assert (tmp_path / "out.png").stat().st_size > 10_000
     monkeypatch.setattr(scale, "train", None)  # nothing is trained again
-    scale.main(words)
+    scale.main(two_episodes)
     assert read_table(tmp_path / "out.csv") == first
     assert "worst" in capsys.readouterr().out
