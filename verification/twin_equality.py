@@ -13,7 +13,7 @@
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import closing
 from itertools import combinations, count, islice
 from statistics import fmean
 from typing import NamedTuple
@@ -103,16 +103,10 @@ def paired(episodes: int, cell: Cell) -> Paired:
     """Drive the episodes of a cell in both worlds."""
     config = Config().with_traffic(cell.kind)
     driver = make_drivers(find_drivers([cell.driver]), config)[cell.driver]
-    pairs = []
-    with ExitStack() as stack:
-        worlds = [
-            stack.enter_context(
-                closing(HighwayEnv(config=config.updated("simulation", world=world)))
-            )
-            for world in WORLDS
-        ]
-        for seed in range(FIRST_SEED, FIRST_SEED + episodes):
-            pairs.append([driven(world, driver, seed, cell.vehicles) for world in worlds])
+    seeds = range(FIRST_SEED, FIRST_SEED + episodes)
+    worlds = [HighwayEnv(config=config.updated("simulation", world=world)) for world in WORLDS]
+    with closing(worlds[0]), closing(worlds[1]):
+        pairs = [[driven(each, driver, seed, cell.vehicles) for each in worlds] for seed in seeds]
     sumo, twin = zip(*pairs, strict=True)
     return Paired(
         ([one.speed_m_s for one in sumo], [one.speed_m_s for one in twin]),
