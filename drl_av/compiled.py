@@ -14,11 +14,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, cached_property, update_wrapper
 from types import FunctionType
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar, get_args
 
 P = ParamSpec("P")
 R = TypeVar("R")
 N = TypeVar("N", bound=tuple[Any, ...])
+NUMBERS = frozenset((float, int, bool, None))
 NOTICE = (
     "drl-av compiles functions that are used for the first time on this machine, for a minute "
     "or two, and keeps them."
@@ -97,8 +98,13 @@ def inlined(function: Callable[P, R]) -> Compiled[P, R]:
 
 @cache
 def _plain(function: Callable[P, R]) -> Compiled[P, R]:
-    """Return a function without a decorator as its compiled callers call it."""
-    return Compiled(function, is_inlined=True)
+    """Return a function without a decorator as its compiled callers call it.
+
+    It counts references to arrays, as ``compiled`` does, unless it returns numbers only.
+    """
+    returned = function.__annotations__["return"]
+    counts = not NUMBERS.issuperset(get_args(returned) or (returned,))
+    return Compiled(function, counts, is_inlined=True)
 
 
 def numbers(kind: type[N], *settings: Any, **further: Any) -> N:

@@ -9,10 +9,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
-from drl_av.driving.affordances import ROUTE_SCALE_M
+from drl_av.compiled import borrowing
+from drl_av.driving.affordances import ROUTE_SCALE_M, IntArray
 from drl_av.road.compiled_road import (
     RoadNumbers,
+    around,
     is_beside,
     is_open_at,
     lane_end_m,
@@ -20,7 +21,7 @@ from drl_av.road.compiled_road import (
     mandatory_change,
     road_numbers,
 )
-from drl_av.road.road import Road
+from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 
 AHEAD, BEHIND = 4, 2
@@ -68,7 +69,7 @@ MOST = 6.0
 """Each number is limited to [-MOST, MOST]."""
 
 
-@compiled
+@borrowing
 def wide_observation(
     scene: Vehicles,
     road: RoadNumbers,
@@ -77,19 +78,21 @@ def wide_observation(
     origin: int,
     target: int,
     observation: npt.NDArray[np.float32],
+    gaps_m: FloatArray,
+    rows: IntArray,
 ) -> None:
     """Fill ``observation``, shape (WIDE_SIZE,), with the numbers that ``WIDE_NAMES`` describes.
 
     ``scene`` is ``Snapshot.arrays``. ``origin`` and ``target`` are the lanes of the lane change in
-    progress, equal if there is none.
+    progress, equal if there is none. ``gaps_m`` and ``rows`` are scratch, both of shape (5,
+    SLOTS_OF_A_LANE).
     """
     s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
     width, lap_m, own = road.lane_width_m, road.lap_m, lane_of(y_m[EGO], road.lane_width_m)
     ego_s_m, ego_speed, front_m = s_m[EGO], speed_m_s[EGO], s_m[EGO] + length_m[EGO] / 2
-    gaps_m = np.full((5, SLOTS_OF_A_LANE), np.inf)
-    rows = np.zeros((5, SLOTS_OF_A_LANE), np.int64)
+    gaps_m[:], rows[:] = np.inf, 0
     for row in range(1, len(s_m)):
-        ahead_m = (s_m[row] - ego_s_m + lap_m / 2) % lap_m - lap_m / 2
+        ahead_m = around(s_m[row] - ego_s_m + lap_m / 2, lap_m) - lap_m / 2
         gap_m = abs(ahead_m) - (length_m[row] + length_m[EGO]) / 2
         if gap_m > range_m:
             continue
@@ -152,6 +155,12 @@ def limited(number: float) -> float:
     return min(max(number, -MOST), MOST)
 
 
+def scratch() -> tuple[FloatArray, IntArray]:
+    """Return the scratch arrays of ``wide_observation``."""
+    shape = 5, SLOTS_OF_A_LANE
+    return np.empty(shape), np.empty(shape, np.int64)
+
+
 def observe_wide(
     snapshot: Snapshot, road: Road, range_m: float, max_speed_m_s: float, change: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
@@ -161,5 +170,5 @@ def observe_wide(
     """
     observation = np.zeros(WIDE_SIZE, np.float32)
     numbers = road_numbers(road), float(range_m), float(max_speed_m_s)
-    wide_observation(snapshot.arrays, *numbers, *change, observation)
+    wide_observation(snapshot.arrays, *numbers, *change, observation, *scratch())
     return observation

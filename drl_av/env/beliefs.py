@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.drivers.background.traffic import ORDER
-from drl_av.env.twin_episodes import look_all
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.scenarios.folder import Scenario
@@ -181,7 +180,6 @@ class Beliefs:
             z[:, DRIVERS, : others.stop] = places.argsort(axis=1, kind="stable")
             near[:, DRIVER_COUNT] = (places < len(ORDER)).sum(axis=1)
             near[:, KEEPS_DISTANCE] |= near[:, DRIVER_COUNT] > 0
-        look_all(worlds.worlds, worlds.episodes, worlds.task, np.arange(worlds.num_envs))
 
     def _is_truck(self, length_m: FloatArray) -> npt.NDArray[np.bool_]:
         return abs(length_m - self._truck_m) < abs(length_m - self._car_m)

@@ -5,10 +5,15 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import borrowing, inlined, numbers
+from drl_av.compiled import borrowing, compiled, inlined, numbers
 from drl_av.config import Config
 from drl_av.config.functions import is_factory
-from drl_av.drivers.background.traffic import TrafficNumbers, traffic_numbers
+from drl_av.drivers.background.traffic import (
+    Scratch,
+    TrafficNumbers,
+    scratch_of,
+    traffic_numbers,
+)
 from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
 from drl_av.driving.maneuver import plan_into
@@ -167,18 +172,34 @@ def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> 
         look(episodes, task, w, world.near[COUNT])
 
 
-@borrowing
+@compiled
 def decide_all(
     worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray, actions: IntArray
 ) -> None:
     """Execute the proposed actions, shape (worlds,), in the worlds ``rows``."""
-    for w in rows:
-        world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
-        decide(world, episodes, task, w, actions[w])
+    scratch = scratch_of(task.traffic, worlds.x.shape[2])
+    decide_rows(worlds, episodes, task, rows, actions, scratch)
 
 
 @borrowing
-def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) -> None:
+def decide_rows(
+    worlds: Worlds,
+    episodes: Episodes,
+    task: Task,
+    rows: IntArray,
+    actions: IntArray,
+    scratch: Scratch,
+) -> None:
+    """Do what ``decide_all`` does."""
+    for w in rows:
+        world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
+        decide(world, episodes, task, w, actions[w], scratch)
+
+
+@borrowing
+def decide(
+    world: World, episodes: Episodes, task: Task, w: int, action: int, scratch: Scratch
+) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
     net, scene, plan, lanes = task.net, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
     seen, going = (episodes.values[w], episodes.codes[w]), episodes.executed[w, action]
@@ -190,7 +211,7 @@ def decide(world: World, episodes: Episodes, task: Task, w: int, action: int) ->
     )
     let_events_happen(world, net, episodes, w)
     if world.near[DRIVER_COUNT]:
-        drive_traffic(world, net, scene, task.traffic, plan.shape[1])
+        drive_traffic(world, net, scene, task.traffic, scratch, plan.shape[1])
     episodes.collision[w, 0] = NO_CONTACT
     for step in range(plan.shape[1]):
         command = plan[0, step], plan[1, step], plan[2, step]

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import concatenate, create_empty_array, iterate
+from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 
 from drl_av.config import Config
 from drl_av.config.presets import as_config
@@ -119,13 +120,20 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
         self._make_arrays(config.traffic.vehicles_max + 1, FIRST_EVENTS)
 
+    @cached_property
+    def observation_space(self) -> gymnasium.Space[Any]:  # type: ignore[override]
+        """The space of the observations of all worlds."""
+        return batch_space(self.single_observation_space, self.num_envs)
+
+    @cached_property
+    def action_space(self) -> gymnasium.Space[Any]:  # type: ignore[override]
+        """The space of the actions of all worlds."""
+        return batch_space(self.single_action_space, self.num_envs)
+
     def _make_worlds(self, count: int, mode: AutoresetMode) -> None:
         """Make what there is once a world, besides the arrays."""
         self.num_envs, self.autoreset_mode = count, mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
-        batch = gymnasium.vector.utils.batch_space
-        self.observation_space = batch(self.single_observation_space, count)
-        self.action_space = batch(self.single_action_space, count)
         self._generators: list[np.random.Generator | None] = [None] * count
         self.seeds = np.full(count, -1)
         """The traffic seed of each world's episode."""
@@ -241,6 +249,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if self._over[world]:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         fork, decisions = copy(self), int(self.episodes.decisions[world])
+        for space in ("observation_space", "action_space"):
+            vars(fork).pop(space, None)  # those of other worlds, which take long to make
         fork._is_fork, fork._options = True, {}
         fork._make_worlds(n, AutoresetMode.DISABLED)
         fork._make_arrays(self.worlds.x.shape[2], self.episodes.events.shape[1])

@@ -3,13 +3,13 @@
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled
+from drl_av.compiled import borrowing, compiled
 from drl_av.drivers.network import Layers, forward
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.wide_observation import WIDE_SIZE, wide_observation
+from drl_av.driving.wide_observation import WIDE_SIZE, scratch, wide_observation
 from drl_av.env.twin_episodes import Episodes, Task
 from drl_av.env.world_arrays import WorldArrays
-from drl_av.twin.worlds import IntArray
+from drl_av.twin.worlds import FloatArray, IntArray
 
 Float32Array = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
@@ -30,11 +30,28 @@ def look_wide(
     the shape (worlds, WIDE_SIZE + 12); the mask is at its end. If no action is permitted,
     ``permitted``, shape (worlds, 12), is True for all.
     """
+    look_wide_with(episodes, task, rows, count, observation, permitted, *scratch())
+
+
+@borrowing
+def look_wide_with(
+    episodes: Episodes,
+    task: Task,
+    rows: IntArray,
+    count: IntArray,
+    observation: Float32Array,
+    permitted: Flags,
+    gaps_m: FloatArray,
+    found: IntArray,
+) -> None:
+    """Do what ``look_wide`` does; ``gaps_m`` and ``found`` are scratch."""
     for w in rows:
         n, scene, lanes = count[w], episodes.scene[w], episodes.lanes[w]
         state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
         ground = task.road, task.range_m, task.ego.max_speed_m_s
-        wide_observation(state, *ground, lanes[0], lanes[1], observation[w, :WIDE_SIZE])
+        wide_observation(
+            state, *ground, lanes[0], lanes[1], observation[w, :WIDE_SIZE], gaps_m, found
+        )
         some = False
         for action in range(12):
             is_permitted = episodes.executed[w, action] == action
@@ -50,7 +67,8 @@ def wide_view(worlds: WorldArrays) -> tuple[Float32Array, Flags]:
     n = worlds.num_envs
     observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
     permitted = np.zeros((n, len(ACTIONS)), np.bool_)
-    look_wide(worlds.episodes, worlds.task, np.arange(n), worlds.vehicles + 1, observed, permitted)
+    rows, count = np.arange(n), worlds.vehicles + 1
+    look_wide.fast(worlds.episodes, worlds.task, rows, count, observed, permitted)
     return observed, permitted
 
 

@@ -131,9 +131,9 @@ class WorldArrays:
         """Execute the decisions of the worlds ``rows``, divided over the threads."""
         given = self.worlds, self.episodes, self.task
         if self._pool is None or len(rows) < 2 * self._chunks:
-            decide_all(*given, rows.astype(np.int64), proposed)
+            decide_all.fast(*given, rows.astype(np.int64), proposed)
             return
         parts = np.array_split(rows.astype(np.int64), self._chunks)
-        jobs = [self._pool.submit(decide_all, *given, part, proposed) for part in parts]
+        jobs = [self._pool.submit(decide_all.fast, *given, part, proposed) for part in parts]
         for job in jobs:
             job.result()

@@ -198,7 +198,7 @@ class TwinWorlds(VecEnv):
         """Update the observations and the masks of some worlds of one part."""
         env = part.env
         seen = self.observation[part.rows], self.permitted[part.rows]
-        look_wide(env.episodes, env.task, worlds, env.vehicles + 1, *seen)
+        look_wide.fast(env.episodes, env.task, worlds, env.vehicles + 1, *seen)
 
     def reset(self) -> Float32Array:
         """Return the present observations, shape (W, S); the episodes go on."""

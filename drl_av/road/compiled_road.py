@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled, inlined, squared
+from drl_av.compiled import borrowing, inlined, squared
 from drl_av.road.road import LIMIT_BRAKING_M_S2, ROUNDING, FloatArray, Road
 
 
@@ -69,7 +69,7 @@ def is_open(lane: int, road: RoadNumbers) -> bool:
     return 0 <= lane < len(road.open_lanes) and bool(road.open_lanes[lane])
 
 
-@compiled
+@borrowing
 def partial_lane(lane: int, s_m: float, road: RoadNumbers) -> int:
     """Return the row of the partial lane with this index at the position ``s_m``, or -1."""
     for row in range(len(road.partial_lanes)):
@@ -79,7 +79,7 @@ def partial_lane(lane: int, s_m: float, road: RoadNumbers) -> int:
     return -1
 
 
-@compiled
+@borrowing
 def is_open_at(lane: int, s_m: float, road: RoadNumbers) -> bool:
     """Whether the lane exists at the position ``s_m`` along the road and is not barricaded."""
     if not is_open(lane, road):
@@ -90,7 +90,7 @@ def is_open_at(lane: int, s_m: float, road: RoadNumbers) -> bool:
     return bool(not is_partial or partial_lane(lane, s_m, road) >= 0)
 
 
-@compiled
+@borrowing
 def is_beside(lane: int, other: int, s_m: float, road: RoadNumbers) -> bool:
     """Whether a vehicle at ``s_m`` may change from ``lane`` to the adjacent lane ``other``."""
     row = partial_lane(min(lane, other), s_m, road)
@@ -100,7 +100,7 @@ def is_beside(lane: int, other: int, s_m: float, road: RoadNumbers) -> bool:
     return there
 
 
-@compiled
+@borrowing
 def may_cross(lane: int, side: int, from_m: float, to_m: float, road: RoadNumbers) -> bool:
     """Whether no ``ForbiddenLine`` lies on this side of the lane in a part of the road."""
     for row in range(len(road.forbidden_lines)):
@@ -110,7 +110,7 @@ def may_cross(lane: int, side: int, from_m: float, to_m: float, road: RoadNumber
     return True
 
 
-@compiled
+@borrowing
 def allowed_speed_in(limits: FloatArray, lane: int, front_m: float, step_s: float) -> float:
     """Return ``allowed_speed`` in a lane; ``limits`` are ``RoadNumbers.speed_limits``."""
     most_m_s, slack_m_s = np.inf, LIMIT_BRAKING_M_S2 * step_s
@@ -127,14 +127,14 @@ def allowed_speed_in(limits: FloatArray, lane: int, front_m: float, step_s: floa
     return most_m_s
 
 
-@compiled
+@borrowing
 def lane_end_m(lane: int, s_m: float, road: RoadNumbers) -> float:
     """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""
     row = partial_lane(lane, s_m, road)
     return np.inf if row < 0 else road.partial_lanes[row, 2]
 
 
-@compiled
+@borrowing
 def mandatory_change(lane: int, s_m: float, road: RoadNumbers) -> tuple[int, float]:
     """Return the fields of ``Road.mandatory_change``: lanes, left positive, and the distance."""
     end_m = lane_end_m(lane, s_m, road)
@@ -145,7 +145,7 @@ def mandatory_change(lane: int, s_m: float, road: RoadNumbers) -> tuple[int, flo
     return 0, np.inf
 
 
-@compiled
+@borrowing
 def lanes_aside(lane: int, end_m: float, road: RoadNumbers) -> int:
     """Return the number of lanes, left positive, from a lane that ends to one that goes on."""
     before_m = np.nextafter(end_m, -np.inf)
@@ -157,7 +157,7 @@ def lanes_aside(lane: int, end_m: float, road: RoadNumbers) -> int:
     return 0
 
 
-@compiled
+@borrowing
 def holds(y_m: float, width_m: float, s_m: float, road: RoadNumbers) -> bool:
     """Whether a body of this width at ``y_m`` is on open lanes only, as ``Road.holds``.
 
@@ -177,13 +177,13 @@ def holds(y_m: float, width_m: float, s_m: float, road: RoadNumbers) -> bool:
     return found
 
 
-@compiled
+@borrowing
 def misses_exit(lane: int, s_m: float, road: RoadNumbers) -> bool:
     """Whether a vehicle in this lane with its front at ``s_m`` has passed the ego's exit."""
     return lane > road.exit_lane and s_m >= road.exit_m
 
 
-@compiled
+@inlined
 def ahead_m(s_from_m: float, s_to_m: float, lap_m: float) -> float:
     """Return the signed distance along the road, the shorter way, as ``Road.ahead_m``."""
     return around(s_to_m - s_from_m + lap_m / 2, lap_m) - lap_m / 2

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from drl_av.compiled import compiled
-from drl_av.drivers.background.traffic import TrafficNumbers, decide
+from drl_av.compiled import borrowing
+from drl_av.drivers.background.traffic import Scratch, TrafficNumbers, decide
 from drl_av.road.road import CENTERED_M
 from drl_av.twin.worlds import (
     ASIDE_M,
@@ -31,22 +31,27 @@ REQUEST_STEPS = 10
 """Steps for which SUMO tries to execute a random lane change."""
 
 
-@compiled
+@borrowing
 def drive_traffic(
-    world: World, net: Net, scene: FloatArray, traffic: TrafficNumbers, steps: int
+    world: World,
+    net: Net,
+    scene: FloatArray,
+    traffic: TrafficNumbers,
+    scratch: Scratch,
+    steps: int,
 ) -> None:
     """Let our own drivers decide on a scene, shape (6, vehicles), for ``steps`` steps."""
     n, drivers = world.near[COUNT], world.z[DRIVERS][: world.near[DRIVER_COUNT]]
     x, z = world.x, world.z
     state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
     known = z[MODEL][:n], x[DESIRED_M_S][:n], z[DRIVER_STATE][:n], z[BRAKING][:n]
-    decide(state, traffic, drivers, (*known, x[WISH_M_S2][:n], z[SIDE][:n]))
+    decide(state, traffic, drivers, (*known, x[WISH_M_S2][:n], z[SIDE][:n]), scratch)
     for i in drivers:
         if z[SIDE, i] != 0:
             request_change(world, net, i, z[SIDE, i], steps)
 
 
-@compiled
+@borrowing
 def happen(world: World, net: Net, i: int, event: int) -> None:
     """Let an event of ``Drawn`` happen to a vehicle."""
     if abs(event) == 1:
@@ -55,7 +60,7 @@ def happen(world: World, net: Net, i: int, event: int) -> None:
         world.z[BRAKING, i] = event - 1
 
 
-@compiled
+@borrowing
 def request_change(world: World, net: Net, i: int, side: int, steps: int) -> None:
     """Request a lane change, +1 left or -1 right, for so many steps.
 

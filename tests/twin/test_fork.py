@@ -314,6 +314,15 @@ def test_copies_of_copies_and_an_end_that_stays(twin: HighwayEnv) -> None:
         copies.fork(1)
 
 
+def test_copies_have_spaces_of_their_own_number() -> None:
+    worlds = TwinVectorEnv(3)
+    worlds.reset(seed=0)
+    assert (worlds.observation_space.shape, worlds.action_space.shape) == ((3, 27), (3,))
+    copies = worlds.fork(5)
+    assert (copies.observation_space.shape, copies.action_space.shape) == ((5, 27), (5,))
+    assert worlds.observation_space.shape == (3, 27)
+
+
 def test_a_driver_searches_among_copies(twin: HighwayEnv) -> None:
     # a rollout of each permitted action, with the paper's rule after it
     rule = load_driver("gap-mobil", TWIN)

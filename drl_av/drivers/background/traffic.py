@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import borrowing, compiled, numbers
+from drl_av.compiled import borrowing, numbers
 from drl_av.config import Config
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.drivers.background.finite_state import (
@@ -85,6 +85,32 @@ def traffic_numbers(config: Config, road: Road, vehicle_types: VehicleTypes) -> 
     )
 
 
+class Scratch(NamedTuple):
+    """Arrays that a decision needs while it is made."""
+
+    values: FloatArray
+    codes: IntArray
+    units: Float32Array
+    order: IntArray
+    places: IntArray
+    entering: IntArray
+    lanes: IntArray
+
+
+def scratch_of(traffic: TrafficNumbers, vehicles: int) -> Scratch:
+    """Return arrays for the decisions of up to ``vehicles`` vehicles, the ego included."""
+    units = max(traffic.level_1.units, traffic.level_2.units)
+    return Scratch(
+        np.empty(VALUES),
+        np.empty(CODES, np.int64),
+        np.empty((2, units), np.float32),
+        np.empty(vehicles, np.int64),
+        np.empty(vehicles, np.int64),
+        np.empty(2 * vehicles, np.int64),
+        np.empty(2 * vehicles, np.int64),
+    )
+
+
 def in_order(driver_models: IntArray) -> IntArray:
     """Return the rows of the vehicles that SUMO does not drive, in ``ORDER``."""
     of_each = [np.flatnonzero(driver_models == model) for model in ORDER]
@@ -111,6 +137,7 @@ class TrafficDrivers:
         self.memory = np.full(n, CRUISE, np.int64), np.zeros(n, np.int64)
         """The state of each finite-state machine, and for how many decisions it still brakes."""
         self._found = np.zeros(n), np.zeros(n, np.int64)
+        self._scratch = scratch_of(self._numbers, n)
         brakes_hard = bool((driver_models == DriverModel.HARD_BRAKING).any())
         drawn = (seed, driver_models, self._config)
         self._hard_braking = HardBraking(*drawn) if brakes_hard else None
@@ -123,7 +150,7 @@ class TrafficDrivers:
         if self._hard_braking is not None:
             self._hard_braking(self.memory[1])
         of_vehicles = *self._of_each, *self.memory, *self._found
-        decide.fast(snapshot.arrays, self._numbers, rows, of_vehicles)
+        decide.fast(snapshot.arrays, self._numbers, rows, of_vehicles, self._scratch)
         acceleration_m_s2, side = self._found
         return TrafficCommands(rows, acceleration_m_s2[rows], side[rows])
 
@@ -133,26 +160,23 @@ OfVehicles = tuple[IntArray, FloatArray, IntArray, IntArray, FloatArray, IntArra
 machine; for how many decisions it brakes hard; its acceleration; and its lane change."""
 
 
-@compiled
+@borrowing
 def decide(
-    scene: Vehicles, traffic: TrafficNumbers, rows: IntArray, of_vehicles: OfVehicles
+    scene: Vehicles,
+    traffic: TrafficNumbers,
+    rows: IntArray,
+    of_vehicles: OfVehicles,
+    scratch: Scratch,
 ) -> None:
     """Compute the decisions of the vehicles ``rows``, shape (R,), in ``ORDER``.
 
     ``scene`` is ``Snapshot.arrays``. The function updates the states of ``of_vehicles`` and for how
     long they brake, and fills its last two arrays in ``rows``.
     """
-    n = len(scene[0])
-    scratch = (
-        np.empty(VALUES),
-        np.empty(CODES, np.int64),
-        np.empty((2, max(traffic.level_1.units, traffic.level_2.units)), np.float32),
-        np.empty(n, np.int64),
-        np.empty(n, np.int64),
-    )
     if decide_each(scene, traffic, rows, of_vehicles, scratch):
         limits = (traffic.road.lap_m, traffic.road.lane_width_m), traffic.braking_m_s2
-        give_way(rows, of_vehicles[5], *scene[:5], *limits, traffic.times_s)
+        room = scratch.entering, scratch.lanes
+        give_way(rows, of_vehicles[5], *scene[:5], *limits, traffic.times_s, *room)
 
 
 @borrowing
@@ -161,12 +185,12 @@ def decide_each(
     traffic: TrafficNumbers,
     rows: IntArray,
     of_vehicles: OfVehicles,
-    scratch: tuple[FloatArray, IntArray, Float32Array, IntArray, IntArray],
+    scratch: Scratch,
 ) -> bool:
     """Do what ``decide`` does but for the right of way; return whether one wants a lane change."""
     s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
     models, desired_m_s, states, braking, acceleration_m_s2, side = of_vehicles
-    values, codes, units, order, places = scratch
+    values, codes, units, order, places = scratch[:5]
     road, lane_m, machine, changes = traffic.road, traffic.road.lane_width_m, traffic.machine, False
     longest_m, right, left = sort_along(s_m, y_m, length_m, width_m, lane_m, order, places)
     along, road_m = Along(order, places, longest_m, (right, left)), (road.lap_m, lane_m)
@@ -202,7 +226,7 @@ def decide_each(
     return changes
 
 
-@compiled
+@borrowing
 def give_way(
     rows: IntArray,
     sides: IntArray,
@@ -214,6 +238,8 @@ def give_way(
     road_m: tuple[float, float],
     braking_m_s2: float,
     times_s: tuple[float, float],
+    entering: IntArray,
+    lanes: IntArray,
 ) -> None:
     """Set those of the wanted lane changes to 0 that conflict with another vehicle's.
 
@@ -233,10 +259,11 @@ def give_way(
         road_m: The lengths of a lap and of a lane's width, metres.
         braking_m_s2: The hardest braking of the vehicles.
         times_s: The time of a decision and of a SUMO step, seconds.
+        entering: Scratch, shape (2 + 2 N,).
+        lanes: Likewise.
     """
     lap_m, width_m = road_m
-    most, count = len(s_m) + len(rows), 0
-    entering, lanes = np.empty(most, np.int64), np.empty(most, np.int64)
+    count = 0
     for row in range(len(s_m)):  # under way: the lane is the one whose centre it reaches next
         if lateral_speed_m_s[row] != 0.0:
             lane = lane_of(y_m[row], width_m)

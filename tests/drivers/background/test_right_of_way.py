@@ -18,7 +18,8 @@ def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
     rows, left = np.array([row for row, _ in wanted]), np.zeros(len(shot.ids), np.int64)
     left[rows] = [side for _, side in wanted]
     road_m, times_s = (ROAD.lap_m, ROAD.lane_width_m), (TIMING.decision_interval_s, 0.5)
-    give_way(rows, left, *shot.arrays[:5], road_m, BRAKING_M_S2, times_s)
+    scratch = np.empty((2, 2 * len(shot.ids)), np.int64)
+    give_way(rows, left, *shot.arrays[:5], road_m, BRAKING_M_S2, times_s, *scratch)
     assert rows.tolist() == [row for row, _ in wanted]
     kept: list[int] = left[rows].tolist()
     return kept
