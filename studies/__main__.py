@@ -30,10 +30,13 @@ def command_line() -> argparse.ArgumentParser:
     """Build the argument parser."""
     usual = Options()
     meanings = "; ".join(f"{name}: {each.meaning}" for name, each in STUDIES.items())
-    parser = argparse.ArgumentParser("python -m studies", description=__doc__)
+    parser = argparse.ArgumentParser(
+        "python -m studies", description=__doc__, argument_default=argparse.SUPPRESS
+    )
     parser.add_argument(
         "names",
         nargs="*",
+        default=[],
         metavar="NAME",
         help=f"{meanings}; {LANE_CHANGE}: the figure of a lane change and an abort; or a TOML file "
         "of your own (default: all)",
@@ -41,14 +44,20 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--quick",
         action="store_true",
+        default=False,
         help="a quick form in a folder of its own: one training of a kind, two short episodes in "
         "each cell; its numbers mean nothing",
     )
     parser.add_argument(
-        "--trainings", type=int_at_least(1), metavar="N", help="at most N seeds of each training"
+        "--trainings",
+        dest="most_trainings",
+        type=int_at_least(1),
+        metavar="N",
+        help="at most N seeds of each training",
     )
     parser.add_argument(
         "--episodes",
+        dest="most_episodes",
         type=int_at_least(1),
         metavar="N",
         help="at most N evaluation episodes in each cell",
@@ -56,14 +65,12 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--jobs",
         type=int_at_least(1),
-        default=usual.jobs,
         metavar="N",
         help=f"number of processes (default: {usual.jobs})",
     )
     parser.add_argument(
         "--engine",
         choices=(LOKY, RAY),
-        default=usual.engine,
         help="loky: this machine; ray: the cluster at RAY_ADDRESS, or this machine",
     )
     parser.add_argument(
@@ -96,7 +103,7 @@ def _run(given: argparse.Namespace) -> int:
 
     Raises DrlAvError before the first episode if ``--engine`` is ``ray`` and Ray is not installed.
     """
-    if given.engine == RAY:
+    if vars(given).get("engine") == RAY:
         require_ray()
     options = _options(given)
     try:
@@ -116,25 +123,13 @@ def _run(given: argparse.Namespace) -> int:
 
 
 def _options(given: argparse.Namespace) -> Options:
-    options = Options(
-        jobs=given.jobs,
-        engine=given.engine,
-        runs=given.runs or Options().runs,
-        out=given.out or Options().out,
-        config=tuple(given.config),
-        most_trainings=given.trainings,
-        most_episodes=given.episodes,
-    )
+    own = {name: value for name, value in vars(given).items() if name in Options._fields}
+    own["config"] = tuple(given.config)
     if given.quick:
-        out = given.out or Path(tempfile.mkdtemp(prefix="quick-results-", dir=Path.cwd()))
-        options = options._replace(
-            runs=given.runs or out / "runs",
-            out=out,
-            config=(str(QUICK), *given.config),
-            most_trainings=given.trainings or 1,
-            most_episodes=given.episodes or 2,
-            most_vehicles=2,
-        )
+        out = own.get("out") or Path(tempfile.mkdtemp(prefix="quick-results-", dir=Path.cwd()))
+        own = {"runs": out / "runs", "most_trainings": 1, "most_episodes": 2, **own}
+        own |= {"out": out, "config": (str(QUICK), *given.config), "most_vehicles": 2}
+    options = Options(**own)
     return options._replace(runs=options.runs.absolute())  # for a cluster
 
 

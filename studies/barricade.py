@@ -199,13 +199,7 @@ def barricade_table(folder: Path) -> str:
                 f"{sum(int(r['hit_barricade']) for r in driven)} of {len(driven) * BLOCK}",
             ]
         )
-    names = (
-        "check",
-        "trainings",
-        "episodes",
-        "collisions with the barricade",
-        "learned to avoid it",
-    )
+    names = "check", "trainings", "episodes", "collisions with the barricade", "learned to avoid it"
     ends = ("after hits", "chosen in the last 1,000 episodes", "trained driver hit it")
     return markdown_table([*names, *ends], lines)
 

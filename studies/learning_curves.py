@@ -63,17 +63,11 @@ number is raised."""
 PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
 PAPER_REWARD = -0.025
 """Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
-LABELS = {
-    "paper": "two buffers, safety check",
-    "permit_all": "two buffers, no safety check",
-    "prioritized": "prioritized replay, safety check",
-    "uniform": "uniform replay, safety check",
-}
-COLORS = {
-    "paper": "#d55e00",
-    "permit_all": "#000000",
-    "prioritized": "#0072b2",
-    "uniform": "#009e73",
+STYLES = {
+    "paper": ("#d55e00", "two buffers, safety check"),
+    "permit_all": ("#000000", "two buffers, no safety check"),
+    "prioritized": ("#0072b2", "prioritized replay, safety check"),
+    "uniform": ("#009e73", "uniform replay, safety check"),
 }
 REPLAY = ("mixed_paper", "mixed_prioritized", "mixed_uniform")
 """The variants of Fig. 7 of the paper, in its own traffic; the first one has two buffers."""
@@ -84,7 +78,14 @@ PANELS = {
     "collisions": "collisions an episode, greedy",
     "safety_triggers": "safety triggers an episode, greedy",
 }
-
+CHECKED = "mean_reward", "training_reward", "training_collisions"
+FIGURES = {
+    "learning_check": (("paper", "permit_all"), CHECKED),
+    "learning_mixed": (("mixed_paper", "mixed_permit_all"), (*CHECKED[::2], "collisions")),
+    "learning_replay": (("paper", "prioritized"), ("mean_reward", "safety_triggers")),
+    "learning_mixed_replay": (REPLAY, ("mean_reward", "training_reward", "safety_triggers")),
+}
+"""The variants and columns of each figure."""
 
 SMOOTHED_OVER = 5
 """Number of evaluations in the moving mean with which convergence is determined."""
@@ -346,12 +347,11 @@ def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
 
     A thin line shows each seed whose training is at least as long as the mean's curve.
     """
-    kind = variant.removeprefix("mixed_")
-    found, color = curve(rows, variant, column), COLORS[kind]
+    found, (color, name) = curve(rows, variant, column), STYLES[variant.removeprefix("mixed_")]
     seeds = len(found.values)
     means = np.array([mean.value for mean in found.means])
     halves = np.array([mean.half_width for mean in found.means])
-    label = f"{LABELS[kind]} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
+    label = f"{name} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
     axes.plot(found.episodes, means, color=color, label=label)
     if np.isfinite(halves).all():
         axes.fill_between(
@@ -373,22 +373,5 @@ CURVES = Program(
     plan=curve_plan,
     derived={"convergence.csv": convergence},
     tables={"convergence": convergence_table, "cost": cost_table, "replay": replay_table},
-    figures={
-        "learning_check": partial(
-            learning_figure,
-            ("paper", "permit_all"),
-            ("mean_reward", "training_reward", "training_collisions"),
-        ),
-        "learning_mixed": partial(
-            learning_figure,
-            ("mixed_paper", "mixed_permit_all"),
-            ("mean_reward", "training_collisions", "collisions"),
-        ),
-        "learning_replay": partial(
-            learning_figure, ("paper", "prioritized"), ("mean_reward", "safety_triggers")
-        ),
-        "learning_mixed_replay": partial(
-            learning_figure, REPLAY, ("mean_reward", "training_reward", "safety_triggers")
-        ),
-    },
+    figures={name: partial(learning_figure, *drawn) for name, drawn in FIGURES.items()},
 )

@@ -175,7 +175,11 @@ class Pivot:
         other = self._other(spec, {**key, **column})
         if other is not None and other.empty:
             return None
-        if other is not None and ("of" in spec or "improvement" in spec) and same(own, other):
+        if (
+            other is not None
+            and ("of" in spec or "improvement" in spec)
+            and own.index.equals(other.index)
+        ):
             return None
         units = self.spec.get("units")
         if units is None or own[units].nunique() < 2 or "text" in spec:
@@ -264,11 +268,6 @@ def values_of(rows: Frame, column: str) -> list[Any]:
     """Return the values of a column: numbers in ascending order, texts as they come."""
     found = list(dict.fromkeys(rows[column]))
     return found if rows[column].dtype == object else sorted(found)
-
-
-def same(own: Frame, other: Frame) -> bool:
-    """Return whether two selections have the same rows."""
-    return bool(own.index.equals(other.index))
 
 
 def _strata(rows: Frame, column: str) -> list[Any]:

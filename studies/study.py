@@ -198,6 +198,7 @@ class FileStudy:
             if variant.trained
         ]
         for variant, drivers, made in groups:
+            job, trained_name = (made.job, made.name) if made else (None, "")
             base = self.base(drivers, options)
             if made:
                 base = changed(made.job.config, self.file.get("settings", {}))
@@ -205,12 +206,8 @@ class FileStudy:
                 config = changed(base, variant.settings)
                 config = config if kind is None else config.with_traffic(kind)
                 for name in [made.name] if made else drivers:
-                    words = {
-                        "driver": name,
-                        "training": name,
-                        "traffic": kind,
-                        "variant": variant.name,
-                    }
+                    words = {"driver": name, "training": name, "traffic": kind}
+                    words["variant"] = variant.name
                     known = made.job.config if made else base
                     if "{traffic}" in template or "{variant}" in template:
                         known = config
@@ -220,17 +217,8 @@ class FileStudy:
                 first = rows["seeds"].get("first", 0)
                 seeds = range(first, first + options.episodes(variant.episodes))
                 for number in options.vehicles(variant.vehicles):
-                    yield EpisodeCell(
-                        config,
-                        drivers,
-                        number,
-                        seeds,
-                        columns,
-                        {**key, **variant.columns},
-                        made.job if made else None,
-                        made.name if made else "",
-                        metrics,
-                    )
+                    where = config, drivers, number, seeds, columns, {**key, **variant.columns}
+                    yield EpisodeCell(*where, job, trained_name, metrics)
 
     def _place(self, trained: Sequence[Trained]) -> Callable[[Row], tuple[Any, ...]]:
         names = [*self.drivers, *(each.name for each in self.trained(Options()))]
