@@ -6,6 +6,8 @@ that their speeds so far make likely (``Beliefs``), and the best few in random o
 parameters and their random lane changes are drawn.
 """
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 from threadpoolctl import ThreadpoolController
@@ -78,7 +80,6 @@ class PlannerDriver(Driver):
         self._layers, self._paid = actor[0], actor[1].ppo
         self._road = self._scenario.road
         self._kind, self._range_m = config.per_traffic_preset[0], config.observation.range_m
-        self._blas = ThreadpoolController()
         self.start(0)
 
     def start(self, seed: int) -> None:
@@ -97,7 +98,7 @@ class PlannerDriver(Driver):
             if name in speeds:
                 self._beliefs.learn(name, predicted, speeds[name])
         self._place(shot, scene)
-        with self._blas.limit(limits=1, user_api="blas"):  # more only wait for each other
+        with _libraries().limit(limits=1, user_api="blas"):  # more threads only wait for each other
             best = self._best(shot, scene)
         self._predicted, self._speeds = self._predictions(shot, best), speeds
         return ACTIONS[best]
@@ -218,6 +219,12 @@ class PlannerDriver(Driver):
         in_view_m = self._range_m - self._road.ahead_m(shot.s_m[EGO], shot.s_m)
         seen = [row for row in np.flatnonzero(in_view_m > BLIND_M).tolist() if row != EGO]
         return {shot.ids[row]: worlds.episodes.scene[:, 2, row] for row in seen}
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Return what sets the threads of the libraries that numpy uses."""
+    return ThreadpoolController()
 
 
 def planner(config: Config) -> PlannerDriver:

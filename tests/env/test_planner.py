@@ -1,8 +1,12 @@
 """The planner: what it believes of the others, and which action it finds best."""
 
+import pickle
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
+from threadpoolctl import threadpool_limits
 from worlds import CENTER, LEFT, RIGHT, Car, ahead, scene, snapshot
 
 from drl_av.config import Config
@@ -14,7 +18,7 @@ from drl_av.driving.actions import RIGHT as TO_RIGHT
 from drl_av.driving.scene import Scene
 from drl_av.env.beliefs import GUESSES, Beliefs
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.planner import PlannerDriver
+from drl_av.env.planner import PlannerDriver, _libraries
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
@@ -311,6 +315,32 @@ def test_it_comes_farther_than_its_base_policy_and_repeats_itself() -> None:
         found = speed_m_s("planner")
         assert found > speed_m_s("pretrained")
         assert speed_m_s("planner") == found
+
+
+def test_a_copy_from_another_process_decides_alike() -> None:
+    car, planner = ahead(60, CENTER, 12.0), preferring(*ALONG, LEFTWARD)
+    copy = pickle.loads(pickle.dumps(planner))
+    assert best(copy, car) == best(planner, car) not in ALONG
+
+
+def test_it_searches_on_one_thread_and_leaves_those_of_numpy_as_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planner, seen = preferring(*ALONG, LEFTWARD), []
+    search = planner._worth_m
+
+    def threads() -> set[int]:
+        return {each["num_threads"] for each in _libraries().info() if each["user_api"] == "blas"}
+
+    def worth_m(*arguments: Any) -> npt.NDArray[np.float64]:
+        seen.append(threads())
+        return search(*arguments)
+
+    monkeypatch.setattr(planner, "_worth_m", worth_m)
+    with threadpool_limits(2, "blas"):
+        best(planner, ahead(60, CENTER, 12.0))
+        assert threads() == {2}
+    assert seen[0] == {1}
 
 
 def test_its_settings_are_those_of_its_base_policy() -> None:
