@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import safetensors.numpy
+from threadpoolctl import threadpool_limits
 
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.config.presets import PRESETS
@@ -273,7 +274,8 @@ def complete(
     known = [[*each.values()] for each in read_table(given.out, column_types(row), growing=True)]
     missing = [job for job in jobs if [*job] not in [each[: len(job)] for each in known]]
     if missing:
-        with ProcessPoolExecutor(given.jobs) as pool:
+        single_threaded = partial(threadpool_limits, 1, "blas")
+        with ProcessPoolExecutor(given.jobs, initializer=single_threaded) as pool:
             list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
             list(pool.map(partial(train, given.runs), missing))
             for found in pool.map(partial(measure, given.runs), missing):

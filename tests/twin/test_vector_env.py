@@ -3,12 +3,14 @@
 from typing import Any
 
 import gymnasium
+import numba
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
 import drl_av  # noqa: F401
 from drl_av.config import Config
+from drl_av.config.presets import PRESETS
 from drl_av.config.traffic import SINGLE_PRESETS
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
@@ -156,3 +158,17 @@ def test_no_worlds_and_no_threads_are_refused() -> None:
         TwinVectorEnv(2, threads=0)
     with pytest.raises(ConfigError, match="num_envs is 0"):
         TwinVectorEnv(0)
+
+
+def test_the_arrays_of_all_settings_have_the_same_types() -> None:
+    # ``Compiled.fast`` does not look at types again, so one strided array would be read wrongly.
+    loops = [PRESETS["paper"].with_traffic(kind) for kind in ("calm", "paper", "hazards")]
+    ramps = [PRESETS[f"large-{road}"] for road in ("merge", "exit", "ramp_to_ramp")]
+    found = set()
+    for config in (*loops, PRESETS["large"], *ramps):
+        worlds = TwinVectorEnv(3, config=config)
+        worlds.reset(seed=0)
+        worlds.make_room(200, 300)
+        for each in (worlds, worlds.fork(2)):
+            found.add(tuple(map(numba.typeof, (each.worlds, each.episodes, each.task))))
+    assert len(found) == 1
