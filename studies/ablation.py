@@ -66,14 +66,12 @@ class TwoSecondWorlds(TwinWorlds):
 
     def look(self, part: Part, worlds: IntArray) -> None:
         """Update the observations and the masks of some worlds of one part."""
-        whole = self.observation
-        before = whole[part.rows][worlds, WIDE_SIZE : 2 * WIDE_SIZE]
-        self.observation = np.zeros((self.num_envs, TwinWorlds.SIZE), np.float32)
-        super().look(part, worlds)
-        now, self.observation = self.observation[part.rows][worlds], whole
+        now = np.zeros((part.env.num_envs, TwinWorlds.SIZE), np.float32)
+        self.see(part, worlds, now)
+        now, before = now[worlds], self.observation[part.rows][worlds, WIDE_SIZE : 2 * WIDE_SIZE]
         begins = part.env.episodes.decisions[worlds, np.newaxis] == 0
         before = np.where(begins, now[:, :WIDE_SIZE], before)
-        whole[part.rows][worlds] = np.concatenate((before, now), axis=1)
+        self.observation[part.rows][worlds] = np.concatenate((before, now), axis=1)
 
 
 class PaperPart(Part):

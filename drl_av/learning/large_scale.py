@@ -7,6 +7,7 @@ and paid for speed.
 """
 
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,9 +65,8 @@ class Part:
 
     def __init__(self, rows: slice, config: Config, seed: int) -> None:
         self.rows, self._costs = rows, config.ppo
-        self.env = TwinVectorEnv(
-            rows.stop - rows.start, config=config, autoreset_mode=AutoresetMode.DISABLED, threads=2
-        )
+        given = rows.stop - rows.start, None, None, config, False
+        self.env = TwinVectorEnv(*given, autoreset_mode=AutoresetMode.DISABLED, threads=2)
         self.env.reset(seed=seed + rows.start)
         self._worlds = np.arange(self.env.num_envs)
         self._trend = np.zeros(self.env.num_envs, np.int64)
@@ -180,7 +180,7 @@ class TwinWorlds(VecEnv):
             self.PART(slice(first, last), kind, seed)
             for first, last, kind in zip(ends[:-1], ends[1:], kinds, strict=True)
         ]
-        self._action = np.zeros(count, np.int64)
+        self._action, self._pool = np.zeros(count, np.int64), ThreadPoolExecutor(2)
         rng = np.random.default_rng(seed)
         for part in self.parts:
             most = config.simulation.decisions_per_episode
@@ -195,10 +195,13 @@ class TwinWorlds(VecEnv):
         return config.per_traffic_preset
 
     def look(self, part: Part, worlds: IntArray) -> None:
-        """Update the observations and the masks of some worlds of one part."""
-        env = part.env
-        seen = self.observation[part.rows], self.permitted[part.rows]
-        look_wide.fast(env.episodes, env.task, worlds, env.vehicles + 1, *seen)
+        """Update the observations and masks of some worlds of one part."""
+        self.see(part, worlds, self.observation[part.rows])
+
+    def see(self, part: Part, worlds: IntArray, observation: Float32Array) -> None:
+        """Update the masks of worlds of a part; write what is wide, and the mask, elsewhere."""
+        env, mask = part.env, self.permitted[part.rows]
+        look_wide.fast(env.episodes, env.task, worlds, env.vehicles + 1, observation, mask)
 
     def reset(self) -> Float32Array:
         """Return the present observations, shape (W, S); the episodes go on."""
@@ -212,22 +215,22 @@ class TwinWorlds(VecEnv):
         """Execute the actions; an episode that ends is followed by a new one."""
         rewards, dones = np.zeros(self.num_envs, np.float32), np.zeros(self.num_envs, np.bool_)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for part in self.parts:
+
+        def step(part: Part) -> tuple[float, int]:
             rows, first = part.rows, part.rows.start
             reward, hit, late = part.step(self._action[rows])
-            rewards[rows] = reward * self._scale
-            self.paid += float(reward.sum(dtype=np.float64))
-            self.collisions += int(hit.sum())
+            rewards[rows], dones[rows] = reward * self._scale, hit | late
             self.look(part, np.arange(part.env.num_envs))
-            dones[rows] = hit | late
             for row in np.flatnonzero(dones[rows]).tolist():
-                last = self.observation[first + row].copy()
-                infos[first + row] = {
-                    "terminal_observation": last,
-                    "TimeLimit.truncated": bool(late[row]),
-                }
+                last, ends = self.observation[first + row].copy(), bool(late[row])
+                infos[first + row] = {"terminal_observation": last, "TimeLimit.truncated": ends}
             part.begin_anew(dones[rows])
             self.look(part, np.flatnonzero(dones[rows]))
+            return float(reward.sum(dtype=np.float64)), int(hit.sum())
+
+        for paid, collisions in self._pool.map(step, self.parts):
+            self.paid += paid
+            self.collisions += collisions
         return self.observation.copy(), rewards, dones, infos
 
     def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:
@@ -338,8 +341,7 @@ def _require_settings(config: Config) -> None:
         )
     if ppo.batch_size % ppo.worlds:
         raise ConfigError(
-            f"ppo.batch_size is {ppo.batch_size}, but must be a multiple of ppo.worlds, "
-            f"{ppo.worlds}."
+            f"ppo.batch_size is {ppo.batch_size}, but must be a multiple of {ppo.worlds} worlds."
         )
     if ppo.decisions < ppo.batch_size:
         raise ConfigError(
