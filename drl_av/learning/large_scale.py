@@ -65,8 +65,9 @@ class Part:
 
     def __init__(self, rows: slice, config: Config, seed: int) -> None:
         self.rows, self._costs = rows, config.ppo
-        given = rows.stop - rows.start, None, None, config, False
-        self.env = TwinVectorEnv(*given, autoreset_mode=AutoresetMode.DISABLED, threads=2)
+        worlds, mode = rows.stop - rows.start, AutoresetMode.DISABLED
+        threads = 2 if worlds == config.ppo.worlds else 1  # several parts have one thread each
+        self.env = TwinVectorEnv(worlds, config=config, autoreset_mode=mode, threads=threads)
         self.env.reset(seed=seed + rows.start)
         self._worlds = np.arange(self.env.num_envs)
         self._trend = np.zeros(self.env.num_envs, np.int64)
@@ -299,8 +300,7 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists already: choose another folder with --out.")
     settings, worlds = config.ppo, TwinWorlds(config, config.learning.seed)
-    learner = learner_of(config, worlds)
-    table = folder / "updates.csv"
+    learner, table = learner_of(config, worlds), folder / "updates.csv"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "config.toml").write_text(annotated_toml(config), encoding="utf-8")
