@@ -8,7 +8,13 @@ from hypothesis import given
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, scene, scenes
 
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.driving.wide_observation import WIDE_NAMES, WIDE_SIZE, observe_wide, wide_observation
+from drl_av.driving.wide_observation import (
+    WIDE_NAMES,
+    WIDE_SIZE,
+    observe_wide,
+    scratch,
+    wide_observation,
+)
 from drl_av.road.compiled_road import road_numbers
 from drl_av.road.road import Road
 
@@ -96,7 +102,7 @@ def test_the_nearest_vehicles_are_those_of_the_paper_s_indicators(seen: Scene) -
 def test_compiled_and_plain_python_give_the_same_bytes(seen: Scene) -> None:
     plain = np.zeros(WIDE_SIZE, np.float32)
     wide_observation.python(
-        seen.snapshot.arrays, road_numbers(ROAD), 250.0, 30.0, *seen.lanes, plain
+        seen.snapshot.arrays, road_numbers(ROAD), 250.0, 30.0, *seen.lanes, plain, *scratch()
     )
     compiled = observe_wide(seen.snapshot, ROAD, 250.0, 30.0, seen.lanes)
     assert plain.tobytes() == compiled.tobytes()
