@@ -13,7 +13,7 @@ from drl_av.compiled import borrowing
 from drl_av.driving.affordances import ROUTE_SCALE_M, IntArray
 from drl_av.road.compiled_road import (
     RoadNumbers,
-    around,
+    ahead_m,
     is_beside,
     is_open_at,
     lane_end_m,
@@ -92,11 +92,11 @@ def wide_observation(
     ego_s_m, ego_speed, front_m = s_m[EGO], speed_m_s[EGO], s_m[EGO] + length_m[EGO] / 2
     gaps_m[:], rows[:] = np.inf, 0
     for row in range(1, len(s_m)):
-        ahead_m = around(s_m[row] - ego_s_m + lap_m / 2, lap_m) - lap_m / 2
-        gap_m = abs(ahead_m) - (length_m[row] + length_m[EGO]) / 2
+        away_m = ahead_m(ego_s_m, s_m[row], lap_m)
+        gap_m = abs(away_m) - (length_m[row] + length_m[EGO]) / 2
         if gap_m > range_m:
             continue
-        first, last = (0, AHEAD) if ahead_m >= 0.0 else (AHEAD, SLOTS_OF_A_LANE)
+        first, last = (0, AHEAD) if away_m >= 0.0 else (AHEAD, SLOTS_OF_A_LANE)
         reach_m = width_m[row] / 2 + width / 2
         for place in range(5):
             aside_m = y_m[row] - (own + LANES_ASIDE[place]) * width

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import borrowing, compiled
+from drl_av.compiled import borrowing
 from drl_av.drivers.network import Layers, forward
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.wide_observation import WIDE_SIZE, scratch, wide_observation
@@ -15,26 +15,8 @@ Float32Array = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
 
 
-@compiled
-def look_wide(
-    episodes: Episodes,
-    task: Task,
-    rows: IntArray,
-    count: IntArray,
-    observation: Float32Array,
-    permitted: Flags,
-) -> None:
-    """Write the wide observation and the mask of the worlds ``rows``, and what is permitted.
-
-    ``count``, shape (worlds,), holds the numbers of vehicles, the ego included. ``observation`` has
-    the shape (worlds, WIDE_SIZE + 12); the mask is at its end. If no action is permitted,
-    ``permitted``, shape (worlds, 12), is True for all.
-    """
-    look_wide_with(episodes, task, rows, count, observation, permitted, *scratch())
-
-
 @borrowing
-def look_wide_with(
+def look_wide(
     episodes: Episodes,
     task: Task,
     rows: IntArray,
@@ -44,7 +26,12 @@ def look_wide_with(
     gaps_m: FloatArray,
     found: IntArray,
 ) -> None:
-    """Do what ``look_wide`` does; ``gaps_m`` and ``found`` are scratch."""
+    """Write the wide observation and the mask of the worlds ``rows``, and what is permitted.
+
+    ``count``, shape (worlds,), holds the numbers of vehicles, the ego included. ``observation`` has
+    the shape (worlds, WIDE_SIZE + 12); the mask is at its end. If no action is permitted,
+    ``permitted``, shape (worlds, 12), is True for all. ``gaps_m`` and ``found`` are ``scratch``.
+    """
     for w in rows:
         n, scene, lanes = count[w], episodes.scene[w], episodes.lanes[w]
         state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
@@ -68,7 +55,8 @@ def wide_view(worlds: WorldArrays) -> tuple[Float32Array, Flags]:
     observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)
     permitted = np.zeros((n, len(ACTIONS)), np.bool_)
     rows, count = np.arange(n), worlds.vehicles + 1
-    look_wide.fast(worlds.episodes, worlds.task, rows, count, observed, permitted)
+    seen = observed, permitted, *scratch()
+    look_wide.fast(worlds.episodes, worlds.task, rows, count, *seen)
     return observed, permitted
 
 

@@ -24,7 +24,7 @@ from drl_av.drivers.masked_policy import KIND
 from drl_av.drivers.policy_file import save
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
 from drl_av.driving.affordances import LANE, slot_of
-from drl_av.driving.wide_observation import MOST, WIDE_SIZE
+from drl_av.driving.wide_observation import MOST, WIDE_SIZE, scratch
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
 from drl_av.env.route_outcome import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
@@ -201,8 +201,8 @@ class TwinWorlds(VecEnv):
 
     def see(self, part: Part, worlds: IntArray, observation: Float32Array) -> None:
         """Update the masks of worlds of a part; write what is wide, and the mask, elsewhere."""
-        env, mask = part.env, self.permitted[part.rows]
-        look_wide.fast(env.episodes, env.task, worlds, env.vehicles + 1, observation, mask)
+        env, seen = part.env, (observation, self.permitted[part.rows], *scratch())
+        look_wide.fast(env.episodes, env.task, worlds, env.vehicles + 1, *seen)
 
     def reset(self) -> Float32Array:
         """Return the present observations, shape (W, S); the episodes go on."""
