@@ -12,6 +12,7 @@ from drl_av.twin.worlds import (
     EDGE_LENGTH,
     FRONT_M,
     HEADWAY_S,
+    LANES,
     LENGTH_M,
     MASK,
     ORDER,
@@ -28,8 +29,9 @@ LONGEST_M = 25.0
 
 
 @inlined
-def insert_sorted(world: World) -> None:
-    """Sort the vehicles of a world by front position, the foremost first."""
+def insert_sorted(world: World) -> bool:
+    """Sort the vehicles by front position, the foremost first; return whether the order changes."""
+    changed = False
     for k in range(1, world.near[COUNT]):
         i = world.z[ORDER, k]
         at_m = world.x[FRONT_M, i]
@@ -37,35 +39,38 @@ def insert_sorted(world: World) -> None:
         while m >= 0 and world.x[FRONT_M, world.z[ORDER, m]] < at_m:
             world.z[ORDER, m + 1] = world.z[ORDER, m]
             m -= 1
+            changed = True
         world.z[ORDER, m + 1] = i
+    return changed
 
 
 @inlined
 def link(world: World, net: Net) -> None:
-    """Note the next vehicles ahead of and behind each one in each lane, as places in ``ORDER``."""
+    """Note the next vehicles ahead of and behind each one in each lane, as places in ``ORDER``.
+
+    A vehicle counts in the lanes that it overlaps and in the one that it has reserved.
+    """
     z, n = world.z, world.near[COUNT]
+    for k in range(n):
+        i = z[ORDER, k]
+        reserved = z[RESERVED, i]
+        z[LANES, k] = z[MASK, i] | (1 << reserved if reserved >= 0 else 0)
     for lane in range(net.lanes):
         last = n - 1  # the rearmost one is ahead of the foremost
-        while last >= 0 and not counts_in(world, lane, last):
+        while last >= 0 and not z[LANES, last] >> lane & 1:
             last -= 1
+        first = last
         for k in range(n):
             z[AHEAD + lane, k] = last
-            last = k if counts_in(world, lane, k) else last
-        last = z[AHEAD + lane, 0]
+            last = k if z[LANES, k] >> lane & 1 else last
+        last = first
         if last >= 0:  # the foremost one is behind the rearmost
             last = 0
-            while not counts_in(world, lane, last):
+            while not z[LANES, last] >> lane & 1:
                 last += 1
         for k in range(n - 1, -1, -1):
             z[AHEAD + net.lanes + lane, k] = last
-            last = k if counts_in(world, lane, k) else last
-
-
-@inlined
-def counts_in(world: World, lane: int, k: int) -> bool:
-    """Return whether the ``k``-th vehicle is in a lane, or has reserved it."""
-    i = world.z[ORDER, k]
-    return bool((world.z[MASK, i] >> lane & 1) | (world.z[RESERVED, i] == lane))
+            last = k if z[LANES, k] >> lane & 1 else last
 
 
 @inlined

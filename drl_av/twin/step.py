@@ -83,8 +83,8 @@ def sumo_step(
     for i in range(world.near[COUNT]):  # apart from the searches, so that they overlap in time
         world.x[NEXT_M_S, i] = ego_speed_m_s if i == 0 else next_speed(world, net, i)
     move(world, net)
-    insert_sorted(world)
-    link(world, net)
+    if insert_sorted(world):
+        link(world, net)
     change_lanes(world, net, road, ego_y_m)
     world.near[STEP] += 1
 

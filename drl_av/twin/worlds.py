@@ -39,7 +39,7 @@ ego only, the smoothed speed by which SUMO judges how urgent a mandatory lane ch
 
 LANE, SHADOW, RESERVED, ON_REQUEST_ONLY, REQUEST_LANE, REQUEST_END, STATE = range(7)
 PREVIOUS_STATE, IS_FULL, ORDER, MASK, TRACKED, TRACKED_LEFT, EDGE, MODEL, DRIVERS = range(7, 16)
-DRIVER_STATE, BRAKING, SIDE, AHEAD = range(16, 20)
+DRIVER_STATE, BRAKING, SIDE, LANES, AHEAD = range(16, 21)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
@@ -53,10 +53,11 @@ expected speeds of the own lane and those to its right were brought up to date, 
 same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
 ``MODEL`` is the kind of driver, a ``DriverModel``; ``DRIVERS`` lists the rows of our own, in their
 order. ``DRIVER_STATE`` is the state of a finite-state machine, ``BRAKING`` for how many decisions a
-driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The rows from
-``AHEAD`` on, one a lane, have a column for each place in ``ORDER``: the place of the next vehicle
-ahead that is in the lane or has reserved it, -1 if there is none (``neighbors.link``). As many rows
-after them hold the next vehicle behind.
+driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The other rows
+have a column for each place in ``ORDER`` (``neighbors.link``): ``LANES`` a bit for each lane that
+the vehicle there overlaps or has reserved; the rows from ``AHEAD`` on, one a lane, the place of the
+next vehicle ahead in the lane, -1 if there is none; and as many after them that of the next one
+behind.
 """
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
