@@ -11,51 +11,28 @@ from drl_av.env.route_outcome import RouteOutcome
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
-from drl_av.simulation.population import Population
-from drl_av.twin.commands import REQUEST_STEPS, request_change
+from drl_av.simulation.population import ARRAYS, Population
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import Drawn, add_vehicles, keep_vehicles, sort_and_activate
-from drl_av.twin.worlds import COUNT, EDGE_BEGIN, EDGE_LENGTH, FRONT_M, STEP, FloatArray, Net, World
+from drl_av.twin.traffic import Drawn, exchange, sizes_of
+from drl_av.twin.worlds import STEP, FloatArray, IntArray, Net, World
 
 NO_EVENTS = np.empty((0, 3), np.int64)
 
 
-def request_random_changes(world: World, net: Net, fleet: Fleet, y_m: FloatArray) -> None:
-    """Request the random lane changes of the next decision; ``y_m`` is each vehicle's."""
-    for row, side in fleet.lane_changes(0.0, y_m):
-        request_change(world, net, row, side, REQUEST_STEPS)
-
-
 def leaving_and_entering(
     world: World, fleet: Fleet, scene: FloatArray
-) -> tuple[Sequence[int], Sequence[Population]] | None:
+) -> tuple[IntArray, Sequence[Population]] | None:
     """Return what ``Fleet.update_open_road`` returns after a decision in a world."""
-    state, time_s = scene[:3, : len(fleet.ids)].tolist(), float(world.near[STEP] * STEP_S)
-    return fleet.update_open_road(time_s, *state)
+    return fleet.update_open_road(float(world.near[STEP] * STEP_S), *scene[:3, : len(fleet.ids)])
 
 
 def exchange_vehicles(
-    world: World, net: Net, fleet: Fleet, kept: Sequence[int], entering: Sequence[Population]
+    world: World, net: Net, fleet: Fleet, kept: IntArray, entering: Sequence[Population]
 ) -> None:
-    """Remove the vehicles that have left an open road, and add those that enter it.
-
-    As in SUMO, those that have left drive on to the end of the road, in the rows behind the others.
-    """
-    end_m = net.edges_m[EDGE_BEGIN, -1] + net.edges_m[EDGE_LENGTH, -1]
-    left = sorted({*range(world.near[COUNT])} - {*kept})
-    left = [row for row in left if world.x[FRONT_M, row] < end_m]
-    rows = [*kept, *left]
-    if rows != [*range(world.near[COUNT])]:
-        keep_vehicles(world, rows)
-    if entering:
-        models = np.zeros(len(entering), np.int64)
-        together = entering[0].joined(entering[1:])
-        add_vehicles(world, net, together, models, fleet.scenario, fleet.config)
-    if left and entering:
-        present = [*range(world.near[COUNT])]
-        gone = slice(len(kept), len(rows))
-        keep_vehicles(world, present[: gone.start] + present[gone.stop :] + present[gone])
-    sort_and_activate(world, net)
+    """Remove the vehicles that have left an open road, and add those that enter it."""
+    arrays = ARRAYS(entering[0].joined(entering[1:]) if entering else fleet.population)
+    models, sizes_m = np.zeros(len(entering), np.int64), sizes_of(fleet.scenario, fleet.config)
+    exchange.fast(world, net, kept, arrays, models, sizes_m)
 
 
 class OpenWorlds:

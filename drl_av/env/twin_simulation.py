@@ -5,11 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.env.open_worlds import (
-    exchange_vehicles,
-    leaving_and_entering,
-    request_random_changes,
-)
+from drl_av.env.open_worlds import exchange_vehicles, leaving_and_entering
 from drl_av.env.twin_episodes import advance, read_scene
 from drl_av.errors import ConfigError
 from drl_av.road.compiled_road import road_numbers
@@ -19,7 +15,7 @@ from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color
 from drl_av.simulation.vehicle_calls import EgoModel
-from drl_av.twin.commands import request_change
+from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import net_of, place_vehicles
 from drl_av.twin.worlds import COUNT, STEP, WISH_M_S2, World, empty_worlds
@@ -67,7 +63,8 @@ class TwinSimulation:
 
         Return the snapshot after the last step, and the ego's collision or None.
         """
-        request_random_changes(self.world, self._net, self.fleet, self._scene[1])
+        for row, side in self.fleet.lane_changes(0.0, self._scene[1]):
+            request_change(self.world, self._net, row, side, REQUEST_STEPS)
         self.world.x[WISH_M_S2, traffic_commands.rows] = traffic_commands.acceleration_m_s2
         for row, side in traffic_commands.lane_changes():
             request_change(self.world, self._net, row, side, len(commands))

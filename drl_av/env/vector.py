@@ -49,7 +49,7 @@ from drl_av.road.sweep import NO_CONTACT
 from drl_av.scenarios.folder import with_scenario
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
-from drl_av.twin.worlds import LANE, MODEL, STEP
+from drl_av.twin.worlds import LANE, MODEL, STEP, IntArray
 
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
@@ -140,7 +140,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self.vehicles = np.zeros(count, np.int64)
         """The vehicles besides the ego in each world."""
         self._over = np.ones(count, np.bool_)
-        self.kept: dict[int, Sequence[int]] = {}
+        self.kept: dict[int, IntArray] = {}
         """The former rows of the vehicles that stay, by world, where some have entered or left."""
         self._rows, self.ways = np.arange(count), np.full(count, "", dtype=object)
         """The outcome of each ego's route."""

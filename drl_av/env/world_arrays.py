@@ -1,6 +1,5 @@
 """The arrays of many worlds of the twin: the worlds decide, and their scenes are read."""
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -10,18 +9,14 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.open_worlds import (
-    OpenWorlds,
-    exchange_vehicles,
-    leaving_and_entering,
-    request_random_changes,
-)
+from drl_av.env.open_worlds import OpenWorlds, exchange_vehicles, leaving_and_entering
 from drl_av.env.twin_episodes import Episodes, decide_all, empty_episodes, look_all, task_of
 from drl_av.road.snapshot import EGO_ID, Snapshot
 from drl_av.road.sweep import NO_CONTACT
 from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
-from drl_av.twin.worlds import COUNT, STEP, World, Worlds, empty_worlds
+from drl_av.twin.worlds import COUNT, STEP, IntArray, World, Worlds, empty_worlds
 
 
 class WorldArrays:
@@ -36,7 +31,7 @@ class WorldArrays:
     episodes: Episodes
     vehicles: npt.NDArray[np.int64]
     """The vehicles besides the ego in each world."""
-    kept: dict[int, Sequence[int]]
+    kept: dict[int, IntArray]
     """The former rows of the vehicles that stay, by world, where some have entered or left."""
     collided_with: npt.NDArray[Any]
     """The name of the vehicle with which each ego collided in its last decision, or ""."""
@@ -104,7 +99,8 @@ class WorldArrays:
         """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
         net, fleets = self.task.net, self.open.fleets if self.open else {}
         for row in rows.tolist() if self.open else ():
-            request_random_changes(self.world(row), net, fleets[row], self.episodes.scene[row, 1])
+            for vehicle, side in fleets[row].lane_changes(0.0, self.episodes.scene[row, 1]):
+                request_change(self.world(row), net, vehicle, side, REQUEST_STEPS)
         self._decide_all(rows, proposed)
         self.collided_with = self._struck()
         if self.open is None:

@@ -22,6 +22,7 @@ from drl_av.simulation.inflow import (
     Inflow,
     Last,
     draw_open_population,
+    last_vehicles,
     open_capacity,
     vehicles_of_flow,
 )
@@ -226,11 +227,12 @@ class Fleet:
         return [(row, side) for row, side in changes if lane_of(y_m[row]) + side in lanes]
 
     def update_open_road(
-        self, time_s: float, s_m: Sequence[float], y_m: Sequence[float], speed_m_s: Sequence[float]
-    ) -> tuple[Sequence[int], Sequence[Population]] | None:
+        self, time_s: float, s_m: FloatArray, y_m: FloatArray, speed_m_s: FloatArray
+    ) -> tuple[npt.NDArray[np.int64], Sequence[Population]] | None:
         """Remove the vehicles that have left an open road, and add those that enter it now.
 
-        ``time_s`` is the time since the reset; the sequences hold the state of each vehicle.
+        ``time_s`` is the time since the reset; the arrays, shape (1 + N,), hold the state of each
+        vehicle.
 
         Returns:
             The previous row indices of the vehicles that stay, and the vehicles that enter. The new
@@ -240,12 +242,20 @@ class Fleet:
         start, inflow = self._start, self._inflow
         if start is None:
             return None
-        rows = range(len(s_m))
-        kept = [row for row in rows if row == EGO or s_m[row] < start.span_m]
-        entering: Sequence[Population] = ()
+        stays = s_m < start.span_m
+        stays[EGO] = True
+        kept, entering = np.flatnonzero(stays), list[Population]()
         if inflow is not None and inflow.is_due(time_s):
-            entering = inflow.entering(time_s, self._last(start, kept, s_m, y_m, speed_m_s))
-        if not entering and len(kept) == len(rows):
+            last = np.empty(len(self._road.open_lanes), np.int64)
+            bodies = self.length_m, self.width_m, self._road.lane_width_m
+            last_vehicles.fast(kept, s_m, y_m, *bodies, last)
+            behind = {
+                lane: Last(float(s_m[row] - self.length_m[row] / 2), float(speed_m_s[row]))
+                for lane, row in enumerate(last.tolist())
+                if row >= 0
+            }
+            entering = inflow.entering(time_s, behind)
+        if not entering and len(kept) == len(s_m):
             return None
         new_types = [*islice(self._types, len(entering))]
         new_sizes_m = self._sizes_m(new_types, [bool(one.is_truck[0]) for one in entering])
@@ -253,36 +263,14 @@ class Fleet:
             self._with_stated(one, [name], new_sizes_m[0, [row]])
             for row, (one, name) in enumerate(zip(entering, new_types, strict=True))
         ]
-        self.ids = (*map(self.ids.__getitem__, kept), *(one.ids[0] for one in entering))
-        self.type_ids = [*map(self.type_ids.__getitem__, kept), *new_types]
-        sizes_m = np.array((self.length_m, self.width_m))[:, kept]
-        self.length_m, self.width_m = np.concatenate((sizes_m, new_sizes_m), axis=1)
+        rows = kept.tolist()
+        self.ids = (*map(self.ids.__getitem__, rows), *(one.ids[0] for one in entering))
+        self.type_ids = [*map(self.type_ids.__getitem__, rows), *new_types]
+        self.length_m = np.concatenate((self.length_m[kept], new_sizes_m[0]))
+        self.width_m = np.concatenate((self.width_m[kept], new_sizes_m[1]))
         self.driver_models = np.zeros(len(self.ids), dtype=np.intp)
         self._entered += entering
         return kept, entering
-
-    def _last(
-        self,
-        start: OpenStart,
-        rows: Sequence[int],
-        s_m: Sequence[float],
-        y_m: Sequence[float],
-        speed_m_s: Sequence[float],
-    ) -> dict[int, Last]:
-        """Return the last vehicle of each lane, by lane index; a body may be in two lanes.
-
-        Lanes that no vehicle enters may be missing.
-        """
-        last: dict[int, Last] = {}
-        lane_of, entered = self._road.lane_of, set(start.lanes)
-        rear_m = np.asarray(s_m) - self.length_m / 2
-        for row in np.array(rows)[rear_m[rows].argsort(kind="stable")].tolist():
-            half_m = float(self.width_m[row]) / 2
-            for lane in {lane_of(y_m[row] - half_m), lane_of(y_m[row] + half_m)}:
-                last.setdefault(lane, Last(float(rear_m[row]), speed_m_s[row]))
-            if entered <= last.keys():
-                break
-        return last
 
     def _describe(self, population: Population) -> None:
         """Set the vehicles at the start of an episode, their types and their sizes."""

@@ -9,10 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.compiled import borrowing
 from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
+from drl_av.driving.affordances import IntArray
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.road import allowed_speed
+from drl_av.road.compiled_road import lane_of
+from drl_av.road.road import FloatArray, allowed_speed
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_description import MOST_VEHICLES
 from drl_av.simulation.population import (
@@ -115,6 +118,32 @@ class Last(NamedTuple):
     speed_m_s: float
 
 
+@borrowing
+def last_vehicles(
+    rows: IntArray,
+    s_m: FloatArray,
+    y_m: FloatArray,
+    length_m: FloatArray,
+    width_m: FloatArray,
+    lane_width_m: float,
+    last: IntArray,
+) -> None:
+    """Fill ``last``, shape (lanes,), with the row of the last vehicle in each lane, or -1.
+
+    A body may be in two lanes. ``rows`` are the vehicles that count; the other arrays, shape
+    (1 + N,), hold the position, the lateral one, the length and the width of each vehicle.
+    """
+    last[:] = -1
+    for row in rows:
+        rear_m, half_m = s_m[row] - length_m[row] / 2, width_m[row] / 2
+        for y in (y_m[row] - half_m, y_m[row] + half_m):
+            lane = lane_of(y, lane_width_m)
+            if 0 <= lane < len(last):
+                other = last[lane]
+                if other < 0 or rear_m < s_m[other] - length_m[other] / 2:
+                    last[lane] = row
+
+
 class Inflow:
     """The vehicles that enter an open road during an episode, drawn from its seed.
 
@@ -207,7 +236,7 @@ class Inflow:
         if self._supply is None or self._supplied == SUPPLY:
             self._supply, self._supplied = self._drawn(), 0
         self._supplied += 1
-        return self._supply.rows([self._supplied])
+        return self._supply.row(self._supplied)
 
     def _drawn(self) -> Population:
         """Draw ``SUPPLY`` vehicles with random parameters, after a row for the ego."""

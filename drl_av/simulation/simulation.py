@@ -224,13 +224,13 @@ class Simulation:
 
     def _exchange(self) -> None:
         """Remove the vehicles that have left an open road, and add those that enter it."""
-        exchanged = self.fleet.update_open_road(self._time_s, *self._state[:3].tolist())
+        exchanged = self.fleet.update_open_road(self._time_s, *self._state[:3])
         if exchanged is None:
             return
         kept, entering = exchanged
         for first, vehicle in enumerate(entering, start=len(kept)):
             self._populate(vehicle, first)
-        self._watch(kept)
+        self._watch(kept.tolist())
         entered = self._states.state(len(kept))
         self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
         self._moved = {}

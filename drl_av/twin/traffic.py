@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import borrowing
+from drl_av.compiled import borrowing, compiled
 from drl_av.config import Config
 from drl_av.drivers.background.finite_state import HardBraking
 from drl_av.drivers.background.traffic import in_order
@@ -39,6 +39,8 @@ from drl_av.twin.worlds import (
     DRIVER_COUNT,
     DRIVERS,
     EDGE,
+    EDGE_BEGIN,
+    EDGE_LENGTH,
     EXPECTED_M_S,
     FIRST_SEEN,
     FRONT_M,
@@ -267,24 +269,17 @@ def place_vehicles(
     world.near[DRIVER_COUNT] = len(drivers)
     world.near[OVERTAKES_RIGHT] = config.traffic.overtake_right
     world.near[KEEPS_DISTANCE] = config.traffic.keep_stopping_distance or len(drivers) > 0
-    add_vehicles(world, net, population, driver_models, scenario, config)
+    sizes_m = sizes_of(scenario, config)
+    write_vehicles(world, net, ARRAYS(population), driver_models, sizes_m)
     world.z[DRIVERS, : len(drivers)] = drivers
     sort_and_activate(world, net)
 
 
-def add_vehicles(
-    world: World,
-    net: Net,
-    population: Population,
-    driver_models: IntArray,
-    scenario: Scenario,
-    config: Config,
-) -> None:
-    """Add the vehicles of a population to those of a world, still unsorted."""
+def sizes_of(scenario: Scenario, config: Config) -> FloatArray:
+    """Return the length and the width of the ego, of cars and of trucks, shape (3, 2)."""
     types, traffic = scenario.vehicle_types, config.traffic
-    truck_m = traffic.truck_length_m, traffic.truck_width_m
     sizes = [(each.length_m, each.width_m) for each in (types.ego, types.traffic)]
-    write_vehicles(world, net, ARRAYS(population), driver_models, np.array([*sizes, truck_m]))
+    return np.array([*sizes, (traffic.truck_length_m, traffic.truck_width_m)])
 
 
 @borrowing
@@ -293,7 +288,7 @@ def write_vehicles(
 ) -> None:
     """Write vehicles behind those of a world; ``population`` holds the arrays of a ``Population``.
 
-    ``sizes_m``, shape (3, 2), holds the length and the width of the ego, of cars and of trucks.
+    ``sizes_m`` are those of ``sizes_of``.
     """
     lane, front_m, speed, desired, headway, acceleration, speed_gain, is_truck = population
     x, z, first = world.x, world.z, world.near[COUNT]
@@ -325,15 +320,51 @@ def write_vehicles(
     world.near[COUNT] = first + len(lane)
 
 
-def keep_vehicles(world: World, rows: Sequence[int]) -> None:
+@compiled
+def keep_vehicles(world: World, rows: IntArray) -> None:
     """Remove all vehicles but those in ``rows``, which are then in this order, still unsorted."""
-    x, z, n, kept = world.x, world.z, int(world.near[COUNT]), len(rows)
-    old_row, new_row = np.array(rows), np.full(n, -1)
-    new_row[old_row] = np.arange(kept)
-    order = new_row[z[ORDER, :n]]
-    x[:, :kept], z[:, :kept] = x.take(old_row, 1), z.take(old_row, 1)
-    z[ORDER, :kept] = order[order >= 0]
+    x, z, n, kept = world.x, world.z, world.near[COUNT], len(rows)
+    new_row, order, placed = np.full(n, -1), z[ORDER, :n].copy(), 0
+    for row in range(kept):
+        new_row[rows[row]] = row
+    for column in range(len(x)):
+        x[column, :kept] = x[column][rows]
+    for column in range(len(z)):
+        z[column, :kept] = z[column][rows]
+    for row in order:
+        if new_row[row] >= 0:
+            z[ORDER, placed] = new_row[row]
+            placed += 1
     world.near[COUNT] = kept
+
+
+@compiled
+def exchange(
+    world: World,
+    net: Net,
+    kept: IntArray,
+    entering: Any,
+    driver_models: IntArray,
+    sizes_m: FloatArray,
+) -> None:
+    """Remove the vehicles of an open road that are not in ``kept``, and add those that enter.
+
+    As in SUMO, those that have left drive on to the end of the road, in the rows behind the others.
+    ``entering`` holds the arrays of a ``Population``; the arguments behind it are those of
+    ``write_vehicles``.
+    """
+    end_m = net.edges_m[EDGE_BEGIN, -1] + net.edges_m[EDGE_LENGTH, -1]
+    has_left = world.x[FRONT_M, : world.near[COUNT]] < end_m
+    has_left[kept] = False
+    rows = np.concatenate((kept, np.flatnonzero(has_left)))
+    if len(rows) < world.near[COUNT] or has_left.any():
+        keep_vehicles(world, rows)
+    if len(driver_models):
+        write_vehicles(world, net, entering, driver_models, sizes_m)
+        present, stay, before = np.arange(world.near[COUNT]), len(kept), len(rows)
+        parts = present[:stay], present[before:], present[stay:before]
+        keep_vehicles(world, np.concatenate(parts))
+    sort_and_activate(world, net)
 
 
 @borrowing

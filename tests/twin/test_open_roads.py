@@ -16,17 +16,19 @@ from drl_av.drivers.registry import load_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.inflow import last_vehicles
+from drl_av.simulation.population import ARRAYS
 from drl_av.twin.commands import request_change
 from drl_av.twin.following import EPS, krauss_speed
 from drl_av.twin.lane_speeds import expect_anew
 from drl_av.twin.lateral_room import request_of
 from drl_av.twin.neighbors import edge_of, next_edge
 from drl_av.twin.traffic import (
-    add_vehicles,
-    keep_vehicles,
+    exchange,
     net_of,
     place_vehicles,
     routes_of,
+    sizes_of,
     sort_and_activate,
 )
 from drl_av.twin.worlds import (
@@ -179,21 +181,36 @@ def test_on_an_edge_with_other_lanes_a_driver_expects_its_rightmost_lane_anew(ne
 
 def test_vehicles_leave_and_enter(net: Net) -> None:
     world = placed(net)
-    fronts_m = world.x[FRONT_M, :6].copy()
-    keep_vehicles(world, [0, 2, 5, 4])
-    sort_and_activate(world, net)
-    assert world.near[COUNT] == 4
-    assert world.x[FRONT_M, :4].tolist() == fronts_m[[0, 2, 5, 4]].tolist()
-    assert world.x[FRONT_M, world.z[ORDER, :4]].tolist() == sorted(fronts_m[[0, 2, 5, 4]])[::-1]
     env = HighwayEnv("merge", config=CALM.updated("simulation", world="twin"))
     env.reset(seed=1, options={"vehicles": 5})
     fleet = env.simulation.fleet
     newcomer = fleet.population.rows([3])
-    add_vehicles(world, net, newcomer, np.zeros(1, np.int64), fleet.scenario, fleet.config)
+    end_m = net.edges_m[EDGE_BEGIN, -1] + net.edges_m[EDGE_LENGTH, -1]
+    world.x[FRONT_M, :6] = [400.0, 300.0, end_m + 1.0, 200.0, end_m - 1.0, 100.0]
     sort_and_activate(world, net)
-    assert world.near[COUNT] == 5
-    assert world.x[FRONT_M, 4] == newcomer.front_m[0]
-    assert sorted(world.z[ORDER, :5].tolist()) == [0, 1, 2, 3, 4]
+    kept, models = np.array([0, 1, 3, 5]), np.zeros(1, np.int64)  # 2 and 4 have left
+    sizes_m = sizes_of(fleet.scenario, fleet.config)
+    exchange(world, net, kept, ARRAYS(newcomer), models, sizes_m)
+    entered_m = float(newcomer.front_m[0])
+    fronts_m = [400.0, 300.0, 200.0, 100.0, entered_m, end_m - 1.0]  # 4 still drives, behind all
+    assert world.near[COUNT] == 6
+    assert world.x[FRONT_M, :6].tolist() == fronts_m
+    assert world.x[FRONT_M, world.z[ORDER, :6]].tolist() == sorted(fronts_m, reverse=True)
+    exchange(world, net, np.arange(5), ARRAYS(newcomer), models[:0], sizes_m)  # nobody enters
+    assert world.x[FRONT_M, : world.near[COUNT]].tolist() == fronts_m
+    world.x[FRONT_M, 5] = end_m
+    exchange(world, net, np.array([0, 2, 3, 4]), ARRAYS(newcomer), models[:0], sizes_m)
+    assert world.x[FRONT_M, : world.near[COUNT]].tolist() == [400.0, 200.0, 100.0, entered_m, 300.0]
+
+
+def test_the_last_vehicle_of_a_lane_is_the_one_whose_rear_is_farthest_back() -> None:
+    s_m, y_m = np.array([30.0, 20.0, 25.0, 5.0]), np.array([0.0, 3.8, 5.7, 0.0])
+    length_m, width_m = np.array([5.0, 5.0, 16.0, 5.0]), np.full(4, 1.8)
+    last = np.empty(4, np.int64)
+    last_vehicles(np.array([0, 1, 2]), s_m, y_m, length_m, width_m, 3.8, last)
+    assert last.tolist() == [0, 2, 2, -1]  # the third, 16 m long, is in two lanes; 3 has left
+    last_vehicles(np.array([0, 1, 3]), s_m, y_m, length_m, width_m, 3.8, last)
+    assert last.tolist() == [3, 1, -1, -1]
 
 
 def test_a_lane_that_ends_is_braked_for_in_many_worlds_too() -> None:
