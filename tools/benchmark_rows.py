@@ -50,6 +50,8 @@ POOL_IDLE = 1
 """Action of EnvPool's ego that keeps speed and lane."""
 MANY = 112
 """As many vehicles as can start in the twin, all within 250 m of the ego."""
+ON_MERGE = 65
+"""The vehicles on the road ``merge`` that correspond to its flow."""
 NUMBERS = (5, 10, 30, 60, 120, 240)
 FEW_RATIO = 0.7
 """The least ratio to bare libsumo that we want at 5 vehicles."""
@@ -147,7 +149,7 @@ def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Return rows of decisions per second of many worlds of the twin.
 
     Beside them are the environment, and the worlds themselves with fewer vehicles on a road that is
-    shorter by as much.
+    shorter by as much, or on the road ``merge`` with as many on a loop.
     """
     rows = []
     for check in LEAST_RATIOS:
@@ -158,13 +160,16 @@ def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         rows.append(Row(f"{WORLDS} worlds of the twin, check {check} | environment", *rates))
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     rates = {}
-    for number in (VEHICLES, MANY):
+    for number in (VEHICLES, ON_MERGE, MANY):
         write_scenario(folder / str(number), ScenarioDescription(25.0 * number))
         config = crowded(number).updated("simulation", scenario=str(folder / str(number)))
         rates[number] = worlds_rate(config, seeds[0], stack)
     name = f"{WORLDS} worlds of the twin, {MANY} vehicles | {VEHICLES} vehicles"
     rows.append(Row(name, rates[MANY], rates[VEHICLES], VEHICLES / MANY / 1.5))
-    return rows
+    merge = crowded(ON_MERGE).updated("simulation", scenario="merge")
+    rate = worlds_rate(merge, seeds[0], stack)
+    name = f"{WORLDS} worlds of the twin, merge, {ON_MERGE} vehicles | loop"
+    return [*rows, Row(name, rate, rates[ON_MERGE])]
 
 
 def worlds_rate(config: Config, seed: int, stack: ExitStack) -> Rate:
