@@ -13,8 +13,11 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, cached_property, update_wrapper
+from pathlib import Path
 from types import FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar, get_args
+
+from drl_av.errors import DrlAvError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -49,7 +52,14 @@ class Compiled(Generic[P, R]):
         """The function as numba has compiled it; the plain function without compilation."""
         numba = _numba()
         options = {"cache": True, "nogil": True, "error_model": "numpy"}
-        dispatcher: Any = numba.njit(**options, **self.options)(self.python)
+        try:
+            dispatcher: Any = numba.njit(**options, **self.options)(self.python)
+        except RuntimeError as error:  # numba finds no folder for its cache
+            raise DrlAvError(
+                f"Compiled functions can be kept neither in {Path(__file__).parent} nor in your "
+                "cache folder: let the environment variable NUMBA_CACHE_DIR name a folder in which "
+                "you may write."
+            ) from error
         if dispatcher is not self.python:
             _depends_on(dispatcher, _sources(self, set()))
         result: Callable[P, R] = dispatcher

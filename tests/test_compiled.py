@@ -35,6 +35,13 @@ def test_the_first_use_says_in_one_line_that_it_compiles_and_the_second_uses_the
     assert (second.stdout, second.stderr) == ("1\n", "")
 
 
+def test_without_any_folder_for_the_machine_code_the_way_out_is_named() -> None:
+    nowhere = "from numba.core import caching; caching.CacheImpl._locator_classes = []; "
+    done = python("-c", nowhere + LANE)
+    assert done.returncode == 1
+    assert "let the environment variable NUMBA_CACHE_DIR name a folder" in done.stderr
+
+
 def written(folder: Path, added: float) -> None:
     (folder / "inner.py").write_text(INNER.format(added))
     (folder / "outer.py").write_text(OUTER)

@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"there is no verb {words[0]!r}{did_you_mean(words[0], VERBS)}; the verbs are: "
                 f"{', '.join(VERBS)}"
             )
-        given = parser.parse_args(words)
+        given = parser.parse_args(words, argparse.Namespace(words=words))
         verb: Verb = given.verb
         return verb.run(given)
 
@@ -77,7 +77,8 @@ def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
     """Build the argument parser of all verbs; only the verbs in ``verbs`` get their options.
 
     ``main`` passes the words of the command line, so that the other verbs import no modules for
-    their options. The parser stores the chosen Verb as the attribute ``verb`` of the namespace.
+    their options. The parser stores the chosen Verb as the attribute ``verb`` of the namespace, in
+    which ``main`` stores the words of the command line as ``words``.
     """
     parser = argparse.ArgumentParser(
         prog="drl-av",

@@ -4,6 +4,7 @@ import argparse
 import shlex
 import sys
 from contextlib import closing
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drl_av.cli.options import (
@@ -76,14 +77,13 @@ def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
     from drl_av.learning.run_folder import Run, open_training, require_tensorboard
 
+    _require_folder(options.out)
     if options.tensorboard:
         require_tensorboard()
     if options.seeds:
         jobs = _seed_jobs(options)
-        number = ["--seeds", ",".join(map(str, options.seeds)), "--jobs", str(options.jobs)]
-        again = ["drl-av", "train", "--out", str(options.out), *number, "--resume"]
-        again += _parts(options)
-        return train_seeds(jobs, options.jobs, shlex.join(again))
+        command = ["drl-av", *(word for word in options.words if word != "--resume")]
+        return train_seeds(jobs, options.jobs, shlex.join(command))
     if options.jobs > 1:
         raise ConfigError(f"--jobs {options.jobs} needs --seeds: one training uses one process.")
     config = _training_config(options, Run(options.out))
@@ -120,7 +120,7 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
                 print("drl-av: stopped; what was learned so far is in the folder.", file=sys.stderr)
                 return INTERRUPTED
     print(f"{options.out}: {pluralize(done, 'decision')}; compare it with the best rule:")
-    print(shlex.join(["drl-av", "evaluate", str(options.out), "gap-mobil"]))
+    print(shlex.join(["drl-av", "evaluate", _driver_in(options.out), "gap-mobil"]))
     return 0
 
 
@@ -150,6 +150,11 @@ def _seed_jobs(options: argparse.Namespace) -> list[SeedJob]:
             f"{runs[next(iter(begun))].folder} exists already: continue it with --resume, or "
             "choose another folder with --out."
         )
+    if options.resume and not begun:
+        raise RunError(
+            f"No run of these seeds has begun in {options.out}: leave --resume out, or name the "
+            "folder of the runs with --out."
+        )
     asked = _asked(options, next(iter(begun.values()), None))
     configs = {seed: asked.updated("learning", seed=seed) for seed in runs}
     for seed, stored in begun.items():
@@ -161,7 +166,7 @@ def _seed_jobs(options: argparse.Namespace) -> list[SeedJob]:
     if stopped := [job.folder for job in jobs if job.is_stopped]:
         raise RunError(
             f"{stopped[0]} holds a training at scale that was stopped, which cannot continue: "
-            "move it away, and give the same command again."
+            "move it away, and give the whole command again, with its settings."
         )
     return jobs
 
@@ -176,6 +181,7 @@ def adapt(options: argparse.Namespace) -> int:
     from drl_av.drivers.registry import find_drivers
     from drl_av.learning.run_folder import Run, open_training, require_tensorboard, warm_start
 
+    _require_folder(options.out)
     if options.tensorboard:
         require_tensorboard()
     if options.resume and options.run is not None:
@@ -259,7 +265,8 @@ def _run(
     verb: str, run: "Run", training: "Training", options: argparse.Namespace, rival: str
 ) -> int:
     """Train to the end or a stop, and print what to do next; return the exit status."""
-    again = shlex.join(["drl-av", verb, "--out", str(run.folder), "--resume", *_parts(options)])
+    words = ["drl-av", verb, "--out", str(run.folder), "--resume", *_parts(options)]
+    again = shlex.join([*words, "--tensorboard"] if options.tensorboard else words)
     try:
         finished = _watch(verb, run, training, options.tensorboard)
     except KeyboardInterrupt:
@@ -274,8 +281,27 @@ def _run(
         return INTERRUPTED
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {pluralize(episodes, 'episode')}; compare it with the driver {rival}:")
-    print(shlex.join(["drl-av", "evaluate", str(run.folder), rival]))
+    print(shlex.join(["drl-av", "evaluate", _driver_in(run.folder), rival]))
     return 0
+
+
+def _driver_in(folder: Path) -> str:
+    """Return the word by which ``evaluate`` finds the driver in a run's folder."""
+    from drl_av.drivers.registry import driver_names
+
+    word = str(folder)
+    return f"./{word}" if word in driver_names() or word.startswith("-") else word
+
+
+def _require_folder(out: Path) -> None:
+    """Raise RunError if a run's folder would look like the file of another driver."""
+    from drl_av.drivers.registry import DRIVER_FILES
+
+    if out.suffix.lower() in DRIVER_FILES:
+        raise RunError(
+            f"--out is {out}, but a run's folder cannot end in {out.suffix}, which names a file: "
+            "choose another name."
+        )
 
 
 def _parts(options: argparse.Namespace) -> list[str]:

@@ -81,11 +81,11 @@ def train_seed(job: SeedJob) -> None:
         train_to_end(job.folder, job.config, job.custom, resume=begun, tensorboard=job.tensorboard)
 
 
-def train_seeds(jobs: Sequence[SeedJob], processes: int, again: str) -> int:
+def train_seeds(jobs: Sequence[SeedJob], processes: int, command: str) -> int:
     """Train all jobs in so many processes, with a progress bar; return the exit status.
 
-    Each run has the same bytes as one that ``drl-av train --seed`` makes alone. ``again`` is the
-    command that continues after a stop.
+    Each run has the same bytes as one that ``drl-av train --seed`` makes alone. ``command`` is the
+    command line without ``--resume``; with it, where a run has begun, it continues after a stop.
     """
     from drl_av.cli.console import progress_bar
     from drl_av.evaluation.engines import ENGINES
@@ -105,15 +105,22 @@ def train_seeds(jobs: Sequence[SeedJob], processes: int, again: str) -> int:
                 text = f"{ended} of {pluralize(len(jobs), 'training')} complete"
                 bar.reach(done, sum(job.total for job in jobs), text)
     except KeyboardInterrupt:
-        print(f"drl-av: stopped; continue with: {again}", file=sys.stderr)
+        away = "".join(f"move {job.folder} away, and " for job in jobs if job.is_stopped)
+        print(f"drl-av: stopped; {away}continue with: {again(jobs, command)}", file=sys.stderr)
         return INTERRUPTED
     except SimulationError as error:
         raise SimulationError(
             f"{str(error).removesuffix('.')}; the runs continue from their last checkpoints with: "
-            f"{again}."
+            f"{again(jobs, command)}."
         ) from error
     folder = jobs[0].folder.parent
     print(f"{folder}: {pluralize(len(jobs), 'training')}; compare them with a rule-based driver:")
     pattern = f"{folder.absolute().name}={folder / 'seed-*'}"
     print(shlex.join(["drl-av", "evaluate", pattern, "gap-mobil"]))
     return 0
+
+
+def again(jobs: Sequence[SeedJob], command: str) -> str:
+    """Return the command that continues the jobs: some have begun and can go on, or none."""
+    goes_on = any((job.folder / "config.toml").exists() and not job.is_stopped for job in jobs)
+    return f"{command} --resume" if goes_on else command

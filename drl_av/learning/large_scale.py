@@ -25,13 +25,13 @@ from drl_av.drivers.policy_file import save
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
 from drl_av.driving.affordances import LANE, slot_of
 from drl_av.driving.wide_observation import MOST, WIDE_SIZE, scratch
+from drl_av.env.fork import twin_of
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
 from drl_av.env.route_outcome import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.files import append_rows, table_bytes
-from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.worlds import IntArray
 
 try:
@@ -290,7 +290,7 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
     """
     if config.simulation.world != "twin":
         raise ConfigError('PPO at scale trains in the twin: set simulation.world = "twin".')
-    road = load_scenario(find_scenario(config.simulation.scenario)).road
+    road = twin_of("PPO at scale learns", "take --preset paper or paper-merge", config).road
     if road.partial_lanes and not config.observation.way:
         raise ConfigError(
             f"Lanes end or leave on {config.simulation.scenario}: set observation.way = true, as "

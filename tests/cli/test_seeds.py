@@ -1,6 +1,7 @@
 """``drl-av train --seeds``: a run for each seed, the same bytes as each run alone."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,8 +9,11 @@ from runs import TINY, error_message, files_of
 
 from drl_av.cli import main
 from drl_av.cli.seeds import SeedJob, seed_list, train_seed
+from drl_av.cli.status import INTERRUPTED
 from drl_av.config.presets import preset
 from drl_av.env.custom import NOTHING_CUSTOM
+from drl_av.evaluation import LOKY
+from drl_av.evaluation.engines import ENGINES
 
 
 @pytest.fixture
@@ -94,6 +98,67 @@ def test_a_training_at_scale_that_was_stopped_is_named(
     assert files_of(folder) == held
 
 
+def test_a_stop_prints_the_command_that_goes_on_with_the_same_settings(
+    settings: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stop(*arguments: object) -> Iterator[object]:
+        raise KeyboardInterrupt
+        yield
+
+    words = ["train", "--config", settings, "--out", "many", "--seeds", "3,4", "--tensorboard"]
+    monkeypatch.setitem(ENGINES, LOKY, stop)
+    for begun, last in ((False, ""), (True, " --resume")):
+        if begun:
+            Path("many/seed-3").mkdir(parents=True)
+            stored = TINY.updated("learning", episodes=4, seed=3)
+            Path("many/seed-3/config.toml").write_text(stored.to_toml())
+        assert main([*words, *last.split()]) == INTERRUPTED
+        again = capsys.readouterr().err.partition("continue with: ")[2]
+        assert again == f"drl-av {' '.join(words)}{last}\n"
+    large = ["train", "--preset", "large", "-o", "ppo.decisions=20000", "--out", "runs"]
+    large += ["--seeds", "1,2"]
+    folder = Path("runs/seed-1")
+
+    def leave(*arguments: object) -> Iterator[object]:
+        folder.mkdir(parents=True)
+        (folder / "config.toml").write_text(preset("large").to_toml())
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setitem(ENGINES, LOKY, leave)
+    assert main(large) == INTERRUPTED
+    told = f"stopped; move {folder} away, and continue with: drl-av {' '.join(large)}\n"
+    assert told in capsys.readouterr().err
+
+
+def test_runs_that_have_not_begun_do_not_continue(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["train", "--out", "typo", "--seeds", "1-2", "--resume"]) == 1
+    assert "No run of these seeds has begun in typo: leave --resume out" in error_message(capsys)
+    assert not Path("typo").exists()
+
+
 def test_several_processes_need_several_seeds(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["train", "--out", "run", "--jobs", "2"]) == 1
     assert "--jobs 2 needs --seeds" in error_message(capsys)
+
+
+@pytest.mark.parametrize(
+    ("out", "word"),
+    [("idm", "./idm"), ("./-x", "./-x"), ("runs/planner", "runs/planner")],
+)
+def test_the_printed_word_finds_the_run_and_no_other_driver(
+    settings: str, capsys: pytest.CaptureFixture[str], out: str, word: str
+) -> None:
+    assert main(["train", "--config", settings, "--out", out]) == 0
+    assert f"drl-av evaluate {word} idm\n" in capsys.readouterr().out
+    assert main(["evaluate", word, "--vehicles", "1", "--episodes", "1"]) == 0
+
+
+def test_a_run_whose_name_is_that_of_a_file_is_refused_before_it_begins(
+    settings: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["train", "--config", settings, "--out", "agent.zip"]) == 1
+    assert "a run's folder cannot end in .zip" in error_message(capsys)
+    assert not Path("agent.zip").exists()

@@ -230,6 +230,17 @@ def test_it_says_where_it_does_not_see_that_a_lane_ends(scenario: str, told: int
     assert all(f"does not see where a lane ends or leaves, as on {scenario}" in w for w in words)
 
 
+def test_what_the_twin_lacks_is_not_trained_at_scale_and_the_way_out_is_another_preset(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["train", "--preset", "large", "--out", str(tmp_path / "run")]
+    assert main([*words, "-o", "simulation.step_length_s=0.25"]) == 1
+    assert capsys.readouterr().err == (
+        "drl-av: PPO at scale learns in the twin. The twin does not know a "
+        "simulation.step_length_s other than 0.5: take --preset paper or paper-merge.\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [

@@ -295,10 +295,11 @@ def test_a_training_goes_on_with_the_reward_that_it_began_with(
     words = ["train", "--out", "run", "--episodes", "3", "--config", "short.toml"]
     priced = [f"--reward={mine}:price", "--sumo-options=--step-log.period 7"]
     in_the_second = f"at_call(HighwayEnv, 'execute', 9, {INTERRUPT})"
-    stopped = interrupted(in_the_second, [*words, *priced])
+    stopped = interrupted(in_the_second, [*words, *priced, "--tensorboard"])
     assert stopped.returncode == 130
     again = stopped.stderr.partition("continue with: drl-av ")[2].split("\n")[0]
     assert again.startswith("train --out run --resume --reward=")
+    assert again.endswith(" --tensorboard")
     for options, message in {
         (): f"was begun with --reward {mine}:price: give it again",
         (priced[0],): "was begun with --sumo-options --step-log.period 7: give it again",
