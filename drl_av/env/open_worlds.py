@@ -21,18 +21,18 @@ NO_EVENTS = np.empty((0, 3), np.int64)
 
 def leaving_and_entering(
     world: World, fleet: Fleet, scene: FloatArray
-) -> tuple[IntArray, Sequence[Population]] | None:
+) -> tuple[IntArray, Population | None] | None:
     """Return what ``Fleet.update_open_road`` returns after a decision in a world."""
     return fleet.update_open_road(float(world.near[STEP] * STEP_S), *scene[:3, : len(fleet.ids)])
 
 
 def exchange_vehicles(
-    world: World, net: Net, fleet: Fleet, kept: IntArray, entering: Sequence[Population]
+    world: World, net: Net, fleet: Fleet, kept: IntArray, entering: Population | None
 ) -> None:
     """Remove the vehicles that have left an open road, and add those that enter it."""
-    arrays = ARRAYS(entering[0].joined(entering[1:]) if entering else fleet.population)
-    models, sizes_m = np.zeros(len(entering), np.int64), sizes_of(fleet.scenario, fleet.config)
-    exchange.fast(world, net, kept, arrays, models, sizes_m)
+    models = np.zeros(0 if entering is None else len(entering.ids), np.int64)
+    sizes_m = sizes_of(fleet.scenario, fleet.config)
+    exchange.fast(world, net, kept, ARRAYS(entering or fleet.population), models, sizes_m)
 
 
 class OpenWorlds:

@@ -95,7 +95,8 @@ class TwinSimulation:
         exchanged = leaving_and_entering(self.world, self.fleet, self._scene)
         if exchanged is None:
             return
-        before, needed = self.world, int(self.world.near[COUNT]) + len(exchanged[1])
+        entered = len(self.fleet.ids) - len(exchanged[0])
+        before, needed = self.world, int(self.world.near[COUNT]) + entered
         if needed > self._scene.shape[1]:
             self._make_room(2 * needed)
             for old, new in zip(before, self.world, strict=True):

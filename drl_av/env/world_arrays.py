@@ -93,7 +93,8 @@ class WorldArrays:
 
     def world(self, row: int) -> World:
         """Return the arrays of one world."""
-        return World(*(array[row] for array in self.worlds))
+        x, z, notes, near = self.worlds
+        return World(x[row], z[row], notes[row], near[row])
 
     def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
@@ -109,7 +110,11 @@ class WorldArrays:
         for row in rows.tolist():
             exchanged = leaving_and_entering(self.world(row), fleets[row], self.episodes.scene[row])
             if exchanged is not None:
-                self.make_room(int(self.worlds.near[row, COUNT]) + len(exchanged[1]), 0)
+                self.make_room(
+                    int(self.worlds.near[row, COUNT])
+                    + len(exchanged[1].ids if exchanged[1] else ()),
+                    0,
+                )
                 exchange_vehicles(self.world(row), net, fleets[row], *exchanged)
                 self.vehicles[row] = len(fleets[row].ids) - 1
                 self.kept[row] = exchanged[0]

@@ -228,23 +228,23 @@ class Fleet:
 
     def update_open_road(
         self, time_s: float, s_m: FloatArray, y_m: FloatArray, speed_m_s: FloatArray
-    ) -> tuple[npt.NDArray[np.int64], Sequence[Population]] | None:
+    ) -> tuple[npt.NDArray[np.int64], Population | None] | None:
         """Remove the vehicles that have left an open road, and add those that enter it now.
 
         ``time_s`` is the time since the reset; the arrays, shape (1 + N,), hold the state of each
         vehicle.
 
         Returns:
-            The previous row indices of the vehicles that stay, and the vehicles that enter. The new
-            rows are those that stay, in this order, and then those that enter. The result is None
-            if no vehicle enters or leaves.
+            The previous row indices of the vehicles that stay, and the vehicles that enter or None.
+            The new rows are those that stay, in this order, and then those that enter. The result
+            is None if no vehicle enters or leaves.
         """
         start, inflow = self._start, self._inflow
         if start is None:
             return None
         stays = s_m < start.span_m
         stays[EGO] = True
-        kept, entering = np.flatnonzero(stays), list[Population]()
+        kept, entering = stays.nonzero()[0], None
         if inflow is not None and inflow.is_due(time_s):
             last = np.empty(len(self._road.open_lanes), np.int64)
             bodies = self.length_m, self.width_m, self._road.lane_width_m
@@ -255,22 +255,27 @@ class Fleet:
                 if row >= 0
             }
             entering = inflow.entering(time_s, behind)
-        if not entering and len(kept) == len(s_m):
+        if entering is None and len(kept) == len(s_m):
             return None
-        new_types = [*islice(self._types, len(entering))]
-        new_sizes_m = self._sizes_m(new_types, [bool(one.is_truck[0]) for one in entering])
-        entering = [
-            self._with_stated(one, [name], new_sizes_m[0, [row]])
-            for row, (one, name) in enumerate(zip(entering, new_types, strict=True))
-        ]
         rows = kept.tolist()
-        self.ids = (*map(self.ids.__getitem__, rows), *(one.ids[0] for one in entering))
-        self.type_ids = [*map(self.type_ids.__getitem__, rows), *new_types]
-        self.length_m = np.concatenate((self.length_m[kept], new_sizes_m[0]))
-        self.width_m = np.concatenate((self.width_m[kept], new_sizes_m[1]))
+        self.ids = (*map(self.ids.__getitem__, rows),)
+        self.type_ids = [*map(self.type_ids.__getitem__, rows)]
+        self.length_m, self.width_m = self.length_m[kept], self.width_m[kept]
+        if entering is not None:
+            entering = self._enter(entering)
         self.driver_models = np.zeros(len(self.ids), dtype=np.intp)
-        self._entered += entering
         return kept, entering
+
+    def _enter(self, entering: Population) -> Population:
+        """Add vehicles behind the others; return them with what their types state."""
+        types = [*islice(self._types, len(entering.ids))]
+        length_m, width_m = self._sizes_m(types, entering.is_truck)
+        entering = self._with_stated(entering, types, length_m)
+        self.ids, self.type_ids = (*self.ids, *entering.ids), [*self.type_ids, *types]
+        self.length_m = np.concatenate((self.length_m, length_m))
+        self.width_m = np.concatenate((self.width_m, width_m))
+        self._entered.append(entering)
+        return entering
 
     def _describe(self, population: Population) -> None:
         """Set the vehicles at the start of an episode, their types and their sizes."""

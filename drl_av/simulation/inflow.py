@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from copy import copy, deepcopy
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -118,6 +117,16 @@ class Last(NamedTuple):
     speed_m_s: float
 
 
+class Driver(NamedTuple):
+    """How a vehicle that will enter is driven, as in a ``Population``, in the order there."""
+
+    desired_speed_m_s: float
+    headway_s: float
+    acceleration_m_s2: float
+    speed_gain: float
+    is_truck: bool
+
+
 @borrowing
 def last_vehicles(
     rows: IntArray,
@@ -162,7 +171,6 @@ class Inflow:
         ego: EgoConfig,
     ) -> None:
         self._rng, self._traffic, self._ego = rng, traffic, ego
-        self._supply: Population | None
         self._length_m, self._lanes = length_m, start.lanes
         self._limit_m_s = allowed_speed(start.speed_limits, 0.0, START_STEP_S)
         speed_m_s = flow_speed(start, traffic)
@@ -170,8 +178,8 @@ class Inflow:
         per_s = vehicles / start.span_m / len(start.lanes) * speed_m_s
         self._mean_s = 1 / per_s if per_s else np.inf
         self._entered = vehicles
-        self._supply, self._supplied = None, SUPPLY
-        self._waiting: dict[int, Population] = {}
+        self._supply = list[Driver]()
+        self._waiting: dict[int, Driver] = {}
         self._due_s = {lane: rng.random() * self._headway_s() for lane in start.lanes}
 
     def _headway_s(self) -> float:
@@ -185,66 +193,74 @@ class Inflow:
         """Return whether a vehicle enters at ``time_s`` if there is room for it."""
         return min(self._due_s.values()) <= time_s
 
-    def entering(self, time_s: float, last: Mapping[int, Last]) -> list[Population]:
-        """Return the vehicles that enter at ``time_s``, each as a population of one row.
+    def entering(self, time_s: float, last: Mapping[int, Last]) -> Population | None:
+        """Return the vehicles that enter at ``time_s``, or None.
 
         ``last`` holds the last vehicle of each lane, by lane index; a lane without vehicles is
         missing.
         """
         due = (lane for lane in self._lanes if self._due_s[lane] <= time_s)
         placed = (self._placed(lane, last.get(lane, Last(np.inf, 0.0))) for lane in due)
-        return [vehicle for vehicle in placed if vehicle is not None]
+        entering = [one for one in placed if one is not None]
+        if not entering:
+            return None
+        lane, front_m, speed, drivers = zip(*entering, strict=True)
+        first = self._entered + 1
+        self._entered += len(entering)
+        return Population(
+            tuple(f"vehicle{number}" for number in range(first, self._entered + 1)),
+            *map(np.array, (lane, front_m, speed, *zip(*drivers, strict=True))),
+        )
 
-    def _placed(self, lane: int, last: Last) -> Population | None:
-        """Return the next vehicle of a lane at its start, or None if there is no room for it."""
-        vehicle = self._waiting.get(lane)
-        if vehicle is None:
-            vehicle = self._waiting[lane] = self._next()
-        front_m = self._traffic.truck_length_m if vehicle.is_truck[0] else self._length_m
+    def _placed(self, lane: int, last: Last) -> tuple[int, float, float, Driver] | None:
+        """Let the next vehicle of a lane enter, or return None if there is no room for it.
+
+        Returns:
+            The lane, the position of its front, its speed and its driver.
+        """
+        driver = self._waiting.get(lane)
+        if driver is None:
+            driver = self._waiting[lane] = self._next()
+        front_m = self._traffic.truck_length_m if driver.is_truck else self._length_m
         gap_m = last.rear_m - front_m
         if gap_m < self._traffic.start_gap_m:
             return None
-        wanted = min(float(vehicle.desired_speed_m_s[0]), self._limit_m_s)
-        speed = safe_speed(wanted, float(vehicle.headway_s[0]), gap_m, last.speed_m_s)
+        wanted = min(driver.desired_speed_m_s, self._limit_m_s)
+        speed = safe_speed(wanted, driver.headway_s, gap_m, last.speed_m_s)
         if speed < min(last.speed_m_s, wanted) - 1e-9:
             return None
         del self._waiting[lane]
         self._due_s[lane] += self._headway_s()
-        self._entered += 1
-        return replace(
-            vehicle,
-            ids=(f"vehicle{self._entered}",),
-            lane=np.array([lane]),
-            front_m=np.array([front_m]),
-            speed_m_s=np.array([speed]),
-        )
+        return lane, front_m, speed, driver
 
     def copied(self, rng: np.random.Generator | None, time_s: float) -> "Inflow":
         """Return a copy, whose vehicles after ``time_s`` are drawn with ``rng`` if it is given."""
         inflow = copy(self)
         inflow._waiting, inflow._due_s = dict(self._waiting), dict(self._due_s)
+        inflow._supply = [*self._supply]
         inflow._rng = deepcopy(self._rng) if rng is None else rng
         if rng is not None:
-            inflow._waiting, inflow._supply = {}, None
+            inflow._waiting, inflow._supply = {}, []
             for lane, due_s in self._due_s.items():
                 if due_s > time_s:
                     inflow._due_s[lane] = time_s + rng.random() * inflow._headway_s()
         return inflow
 
-    def _next(self) -> Population:
-        """Return the next vehicle, with random parameters and without a position."""
-        if self._supply is None or self._supplied == SUPPLY:
-            self._supply, self._supplied = self._drawn(), 0
-        self._supplied += 1
-        return self._supply.row(self._supplied)
+    def _next(self) -> Driver:
+        """Return the driver of the next vehicle, with random parameters."""
+        if not self._supply:
+            self._supply = self._drawn()
+        return self._supply.pop()
 
-    def _drawn(self) -> Population:
-        """Draw ``SUPPLY`` vehicles with random parameters, after a row for the ego."""
-        n, streams = SUPPLY + 1, self._rng.spawn(2)
+    def _drawn(self) -> list[Driver]:
+        """Draw ``SUPPLY`` drivers, of which the last one comes first."""
+        n, streams = SUPPLY + 1, self._rng.spawn(2)  # there is a row for the ego
         zeros: npt.NDArray[np.intp] = np.zeros(n, dtype=np.intp)
         places = StartPositions(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))
         is_truck = draw_trucks(streams[1], n, self._traffic)
-        return with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
+        drawn = with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
+        columns = (getattr(drawn, name)[:0:-1].tolist() for name in Driver._fields)
+        return [*map(Driver, *columns)]
 
 
 def safe_speed(desired: float, headway_s: float, gap_m: float, speed_ahead: float) -> float:

@@ -149,11 +149,6 @@ class Population:
         arrays = (array[kept] for array in ARRAYS(self))
         return Population(tuple(self.ids[row] for row in kept), *arrays)
 
-    def row(self, row: int) -> "Population":
-        """Return the population of one row, as views of the arrays."""
-        arrays = (array[row : row + 1] for array in ARRAYS(self))
-        return Population((self.ids[row],), *arrays)
-
     def joined(self, others: "Sequence[Population]") -> "Population":
         """Return the population with the rows of ``others`` after its own."""
         parts = self, *others

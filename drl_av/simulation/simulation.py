@@ -228,8 +228,8 @@ class Simulation:
         if exchanged is None:
             return
         kept, entering = exchanged
-        for first, vehicle in enumerate(entering, start=len(kept)):
-            self._populate(vehicle, first)
+        if entering is not None:
+            self._populate(entering, len(kept))
         self._watch(kept.tolist())
         entered = self._states.state(len(kept))
         self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
