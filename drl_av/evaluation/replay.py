@@ -3,7 +3,7 @@
 import io
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +27,7 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.env.renderer import next_caption
 from drl_av.env.rollout import Watcher
 from drl_av.env.transition import Transition
-from drl_av.errors import ConfigError, RecordingError
+from drl_av.errors import ConfigError, RecordingError, printable
 from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import read_provenance
@@ -201,10 +201,11 @@ def worst_sessions(
     """Return the sessions that drive the ``count`` worst episodes of a table again.
 
     ``column`` is the column whose value makes an episode bad. ``word`` names a driver as on the
-    command line, if its name in the table is not such a word. ``custom`` holds the user's parts.
+    command line; only its episodes count then. ``custom`` holds the user's parts.
 
     Raises:
-        ConfigError: there is no such column, or the driver of an episode cannot be found.
+        ConfigError: there is no such column, no episode of the driver ``word``, or the driver of an
+            episode cannot be found.
         DrlAvError: the table or the provenance beside it is missing or damaged.
     """
     beside = table.with_suffix(PROVENANCE)
@@ -220,8 +221,10 @@ def worst_sessions(
             f"one of: {', '.join(numbers)}."
         )
     sign = 1.0 if column.startswith(LOW_IS_WORSE) else -1.0
-    worst = sorted(results, key=lambda row: sign * getattr(row, column))[:count]
-    specs = _specs(dict.fromkeys(row.driver for row in worst), word)
+    given = _given(word, table, [*dict.fromkeys(row.driver for row in results)])
+    chosen = [row for row in results if word is None or row.driver in given]
+    worst = sorted(chosen, key=lambda row: sign * getattr(row, column))[:count]
+    specs = _specs(dict.fromkeys(row.driver for row in worst), given)
     check = None if custom.safety_check is None else custom_check(custom.safety_check, config)
     drivers = make_drivers(list(specs.values()), config, check)
     sessions = []
@@ -233,11 +236,28 @@ def worst_sessions(
     return sessions
 
 
-def _specs(names: Iterable[str], word: str | None) -> dict[str, DriverSpec]:
-    """Return the drivers of a table by name, that of ``word`` among them."""
-    given = {} if word is None else {spec.name: spec for spec in find_drivers([word])}
+def _given(word: str | None, table: Path, names: Sequence[str]) -> dict[str, DriverSpec]:
+    """Return the drivers that ``word`` names, by their names in the table, which are ``names``."""
+    if word is None:
+        return {}
+    given = {spec.name: spec for spec in find_drivers([word])}
+    if (whole := printable(word)) in names:  # such as a path, beside another with the same end
+        given = {whole: find_drivers([word])[0]}
+    if not given.keys() & set(names):
+        raise ConfigError(
+            f"{table} has no episodes of the driver {word!r}{did_you_mean(word, names)}: name one "
+            f"of: {', '.join(names)}."
+        )
+    return given
+
+
+def _specs(names: Iterable[str], given: Mapping[str, DriverSpec]) -> dict[str, DriverSpec]:
+    """Return the drivers of a table by name, those that are ``given`` among them."""
     try:
-        return {name: given[name] if name in given else find_drivers([name])[0] for name in names}
+        return {
+            name: replace(given[name] if name in given else find_drivers([name])[0], name=name)
+            for name in names
+        }
     except ConfigError as error:
         raise ConfigError(
             f"{error.args[0][:-1]}: name the table's driver with --driver."

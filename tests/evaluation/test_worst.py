@@ -41,6 +41,19 @@ def test_the_worst_row_is_driven_again(
         assert (recording.driver, recording.seed) == (row["driver"], int(row["seed"]))
 
 
+def test_a_named_driver_chooses_among_its_own_rows(table: list[dict[str, str]]) -> None:
+    for name in ("pretrained", "pretrained-paper@paper", "random"):
+        own = [row for row in table if row["driver"] == name]
+        slowest = min(own, key=lambda row: float(row["mean_speed_m_s"]))
+        words = ["rows.csv", "--worst", "mean_speed_m_s", "--driver", name]
+        assert main(["replay", *words, "--record", "worst.npz"]) == 0
+        recording = load_recording(Path("worst.npz"))
+        assert (recording.driver, recording.seed) == (name, int(slowest["seed"]))
+        assert main(["replay", *words, "--sheet", "sheet.png"]) == 0
+        with Image.open("sheet.png") as sheet:
+            assert sheet.size == (2 * 640, 360)  # two episodes
+
+
 def test_the_sheet_has_a_picture_of_each_episode(table: list[dict[str, str]]) -> None:
     assert main(["replay", "rows.csv", "--worst", "min_ttc_s", "--sheet", "sheet.png"]) == 0
     with Image.open("sheet.png") as sheet:
@@ -62,6 +75,11 @@ def test_a_wrong_wish_is_one_sentence(
         (["idm", "--worst", "min_ttc_s"], "--worst takes a table"),
         (["idm", "--sheet", "x.png"], "--sheet draws ten episodes of --worst"),
         (["rows.csv", "--worst", "min_ttc_s", "--seed", "3"], "--seed cannot be changed"),
+        (
+            ["rows.csv", "--worst", "min_ttc_s", "--driver", "pretrained-paper"],
+            "rows.csv has no episodes of the driver 'pretrained-paper' (did you mean "
+            "'pretrained-paper@paper'?): name one of: pretrained, pretrained-paper@paper, random.",
+        ),
         (["idm", "--driver", "idm"], "idm and idm are no one episode"),
     ):
         capsys.readouterr()
@@ -86,3 +104,16 @@ def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
     Path("rows.csv").write_text(text.replace(reward, "-0.9"))
     assert main([*again, "--driver", "runs/mine"]) == 1
     assert "differs from its row" in error_message(capsys)
+
+
+def test_of_two_drivers_with_one_last_name_the_path_names_one(here: Path) -> None:
+    Path("tiny.toml").write_text(SHORT.to_toml())
+    paths = ["runs/a/mine", "runs/b/mine"]
+    for path in paths:
+        run_folder(here / path)
+    words = ["evaluate", *paths, "--vehicles", "9", "--episodes", "1", "--out", "rows.csv"]
+    assert main([*words, "--config", "tiny.toml"]) == 0
+    assert [row["driver"] for row in rows()] == paths
+    again = ["replay", "rows.csv", "--worst", "mean_reward", "--driver", "runs/b/mine"]
+    assert main([*again, "--record", "worst.npz"]) == 0
+    assert load_recording(Path("worst.npz")).driver == "runs/b/mine"
