@@ -101,6 +101,8 @@ def replay(options: argparse.Namespace) -> int:
         raise ConfigError(
             "--rate has no effect on a page, whose menu sets the speed: leave it out."
         )
+    if options.rate is not None and not (options.video or _opens_gui(options)):
+        raise ConfigError("--rate has no effect without --video or sumo-gui: leave it out.")
     inputs = [*options.source, options.driver, *options.config]
     require_writable(*_written(options), inputs=inputs)
     for name, suffix in SUFFIXES.items():
@@ -145,6 +147,10 @@ def _tell(session: "ReplaySession", result: "EpisodeResult") -> None:
 
 def _written(options: argparse.Namespace) -> list[Path | None]:
     return [options.video, *(getattr(options, name) for name in SUFFIXES)]
+
+
+def _opens_gui(options: argparse.Namespace) -> bool:
+    return options.gui or not any(_written(options))
 
 
 def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
@@ -240,10 +246,10 @@ def _show(
             page = PageRecorder(session)
             driven = session.drive(None, page)
             pages.append(page.episode)
-        elif any(_written(options)) and not options.gui:
-            driven = session.drive(None)
-        else:
+        elif _opens_gui(options):
             driven = session.drive("human", Pacer(pace))
+        else:
+            driven = session.drive(None)
     return driven
 
 

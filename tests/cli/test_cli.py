@@ -115,6 +115,8 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
         (["adapt", "", "--out", "run"], r"no driver or run folder ''"),
         (["replay", "--driver", "", "--video", "v.gif"], r"no driver or run folder ''"),
         (["replay", "--html", "x.html", "--rate", "3"], r"--rate has no effect on a page"),
+        (["replay", "idm", "--record", "a.npz", "--rate", "3"], r"without --video or sumo-gui"),
+        (["replay", "a.csv", "--sheet", "w.png", "--rate", "4"], r"--rate has no effect without"),
         (["evaluate", "idm", "--out", "."], r". is a folder: name a file in it"),
         (["evaluate", "idm", "--config", "missing.toml"], r"missing.toml cannot be read"),
         (["evaluate", "idm", "--episodes", "10000000000"], r"belong to training"),
