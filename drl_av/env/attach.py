@@ -8,6 +8,7 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.external import is_driver, require_methods
 from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.affordances import compute_indicators
@@ -49,7 +50,7 @@ def attach(
 
     Raises:
         ConfigError: the step length does not divide a second, SUMO has no lateral resolution, the
-            driver is SUMO itself, or an assumption of ``strict`` does not hold here.
+            driver is SUMO itself or no driver, or an assumption of ``strict`` does not hold here.
         SimulationError: there is no such vehicle, or its lanes differ in width.
     """
     step_s = float(connection.simulation.getDeltaT())
@@ -88,6 +89,15 @@ def _specs(
     driver: str | Path | Driver, config: Config | Mapping[str, Any] | str | Path | None
 ) -> tuple[list[DriverSpec], Config]:
     """Return what is to be loaded, if anything, and the config with which the driver drives."""
+    if not isinstance(driver, str | Path):
+        kind = type(driver).__name__
+        if not is_driver(driver):
+            raise ConfigError(
+                f"driver is a {kind}, but must be a name, a path, 'module:function' or an object "
+                "with start(seed) and act(scene, observation): a class or a function has to be "
+                "called."
+            )
+        require_methods(driver, kind)
     specs = find_drivers([driver]) if isinstance(driver, str | Path) else ()
     settings = driving_config(specs, config)
     if any(spec.is_planner for spec in specs):

@@ -4,6 +4,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import libsumo
 import numpy as np
@@ -82,6 +83,11 @@ class Keeps:
         return None
 
     def act(self, scene: Scene, observation: object) -> Action:
+        return Action(Lateral.KEEP, Longitudinal.MAINTAIN)
+
+
+class Looks(Keeps):
+    def act(self, scene: Scene) -> Action:  # type: ignore[override]
         return Action(Lateral.KEEP, Longitudinal.MAINTAIN)
 
 
@@ -220,6 +226,14 @@ HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
         ),
         ((), CAR, {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
         ((), CAR, {"driver": "sumo"}, "SUMO drives the vehicle already"),
+        ((), CAR, {"driver": 3}, r"driver is a int, but must be a name, a path, .* start\(seed\)"),
+        (
+            (),
+            CAR,
+            {"driver": Keeps},
+            "driver is a type, .*: a class or a function has to be called",
+        ),
+        ((), CAR, {"driver": Looks()}, r"act of the driver 'Looks' is called with \(scene, observ"),
         ((), HARD, {"safety_check": "strict"}, "Decel of the vehicle type car .*take .*paper"),
         (
             ("--step-length", "0.5", "--lateral-resolution", "0.8"),
@@ -234,7 +248,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     sumo: ModuleType,
     options: tuple[str, ...],
     types: str,
-    given: dict[str, str],
+    given: dict[str, Any],
     sentence: str,
 ) -> None:
     begin(net, car("ego", 2, 100), types, *options)
