@@ -29,7 +29,7 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.drivers.onnx import export as write
     from drl_av.drivers.onnx_graph import export_actor
     from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run
-    from drl_av.drivers.registry import RULE_DRIVERS
+    from drl_av.drivers.registry import driver_names
     from drl_av.driving.observation_scale import ObservationScale
     from drl_av.errors import ConfigError
     from drl_av.files import require_suffix, require_writable
@@ -42,7 +42,7 @@ def export(options: argparse.Namespace) -> int:
         )
     require_suffix(options.out, ".onnx")
     require_writable(options.out, inputs=[options.run])
-    if options.run in RULE_DRIVERS or is_factory(options.run):
+    if options.run in {*driver_names()} - {*SHIPPED} or is_factory(options.run):
         raise ConfigError(
             f"{options.run} is not a driver that drl-av trained, and has no network to export: "
             "give a run's folder, or pretrained, the shipped driver."

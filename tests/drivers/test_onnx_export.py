@@ -102,6 +102,7 @@ def test_the_help_of_export_describes_them_too(capsys: pytest.CaptureFixture[str
         ("nope", "There is no file or folder nope: give a run's folder that has a policy.safetens"),
         ("empty", "empty holds no trained driver: give a run's folder that has a policy.safetens"),
         ("idm", "idm is not a driver that drl-av trained, and has no network to export: give a"),
+        ("planner", "planner is not a driver that drl-av trained, and has no network to export: "),
         ("module:factory", "module:factory is not a driver that drl-av trained, and has no"),
     ],
 )
