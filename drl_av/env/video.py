@@ -1,5 +1,6 @@
 """Films episodes: a video with several pictures for each decision."""
 
+import glob
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -84,7 +85,8 @@ class RecordVideo(
 
     gymnasium's wrapper of the same name films one picture for each step, that is, for each second.
     This wrapper needs neither a render mode nor moviepy. It writes the film
-    ``FOLDER/PREFIX-episode-N.mp4`` when the episode ends or the environment is closed.
+    ``FOLDER/PREFIX-episode-N.mp4`` when the episode ends or the environment is closed. If the
+    folder has such films of an earlier run, it warns that they may be overwritten.
 
     Args:
         env: The environment, which other wrappers may wrap.
@@ -135,6 +137,13 @@ class RecordVideo(
             raise RecordingError(
                 f"The folder {video_folder} cannot be made ({error.strerror}): name another."
             ) from error
+        names = f"{glob.escape(self._prefix.name)}-episode-*.mp4"
+        if any(self._prefix.parent.glob(names)):
+            gymnasium.logger.warn(
+                "Films of an earlier run in %s may be overwritten: name another video_folder or "
+                "name_prefix to keep them.",
+                self._prefix.parent,
+            )
         self._fps, self._rate, self._trigger = fps, rate, episode_trigger
         self._episode = -1
         self._film: Film | None = None

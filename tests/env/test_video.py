@@ -1,5 +1,6 @@
 """``drl_av.RecordVideo``: films with the motion between two decisions, of the chosen episodes."""
 
+import warnings
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,17 @@ def test_an_episode_that_does_not_end_is_written_too(tmp_path: Path, end: str) -
     assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "mine-episode-0.mp4"))[0] == 2
     env.close()
     assert len(list(tmp_path.iterdir())) == 1  # the second episode has no decision
+
+
+def test_films_of_an_earlier_run_are_overwritten_with_a_warning(tmp_path: Path) -> None:
+    folder = tmp_path / "100%"
+    folder.mkdir()
+    (folder / "a[b]-episode-0.mp4").touch()
+    with pytest.warns(UserWarning, match="in .*100% may be overwritten: name another video_folder"):
+        drl_av.RecordVideo(highway(), folder, name_prefix="a[b]")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drl_av.RecordVideo(highway(), folder)  # of another prefix
 
 
 def test_a_film_needs_no_moviepy_and_the_default_films_the_episodes_that_gymnasium_films(
