@@ -40,12 +40,21 @@ from drl_av.env.observation import (
 )
 from drl_av.env.transition import RewardFunction, Transition, custom_reward
 from drl_av.env.twin_episodes import CHECK_NUMBERS, look_all
-from drl_av.env.vector_info import Decided, common_info, step_info, transition_of, with_final
+from drl_av.env.vector_info import (
+    Decided,
+    common_info,
+    marked,
+    step_info,
+    transition_of,
+    with_final,
+)
 from drl_av.env.wide_view import wide_view
 from drl_av.env.world_arrays import WorldArrays
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.sweep import NO_CONTACT
+from drl_av.safety import named_check
+from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import with_scenario
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
@@ -107,6 +116,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
                 )
             config = config.updated("safety", check=safety_check)
         WorldArrays.__init__(self, config)
+        self._check = named_check(config, self._scenario.vehicle_types, self.road)
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
         self._observe = observation_function(custom_observation_of(groups), scale)
@@ -166,7 +176,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self._options = given
         self._begin(rows, seeds_of_worlds(seed, self.num_envs))
         self._begun = True
-        return self._observations(), self._info()
+        return self._observations(), self._info() | self._start_info(rows)
 
     def step(
         self, actions: npt.NDArray[np.int64]
@@ -360,3 +370,12 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """Return what ``reset`` and ``step`` have in common of ``info``."""
         mask = self.action_masks() if self._masked else None
         return common_info(self.episodes, self.seeds, self.vehicles, self.ways, mask)
+
+    def _start_info(self, rows: npt.NDArray[np.intp]) -> dict[str, Any]:
+        """Return what only ``reset`` has in ``info``, of the worlds ``rows`` that it has reset."""
+        begun, unsafe = np.zeros((2, self.num_envs), np.bool_)
+        begun[rows] = True
+        if isinstance(self._check, Strict):
+            starts = map(self.scene, rows.tolist())
+            unsafe[rows] = [not self._check.start_is_safe(scene) for scene in starts]
+        return marked({"unsafe_start": unsafe}, begun)

@@ -53,7 +53,7 @@ def test_an_episode_is_the_same_as_in_sumo(
 
 
 def assert_equal_info(info: dict, there: dict) -> None:  # type: ignore[type-arg]
-    assert set(info) - {"unsafe_start"} == {name for name in there if not name.startswith("_")}
+    assert set(info) == {name for name in there if not name.startswith("_")}
     for name, value in info.items():
         if name == "rewards":
             for term, number in value.items():
@@ -61,7 +61,7 @@ def assert_equal_info(info: dict, there: dict) -> None:  # type: ignore[type-arg
         elif name == "indicators":
             wrong = np.flatnonzero(np.abs(there[name][0] - value) > 1e-6)
             assert not [INDICATORS[number] for number in wrong]
-        elif name != "unsafe_start":
+        else:
             assert np.all(
                 there[name][0] == pytest.approx(value)
                 if name in ("speed_m_s", "mean_speed_m_s")

@@ -12,6 +12,7 @@ import drl_av  # noqa: F401
 from drl_av.config import Config
 from drl_av.config.presets import PRESETS
 from drl_av.config.traffic import SINGLE_PRESETS
+from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
@@ -88,6 +89,23 @@ def test_without_autoreset_a_mask_chooses_the_worlds_to_reset() -> None:
     _, again = env.reset(options={"reset_mask": np.array([False, True])})
     assert again["seed"][0] == info["seed"][0]
     assert again["seed"][1] != info["seed"][1]
+
+
+def test_a_reset_says_of_the_worlds_that_it_begins_which_starts_are_unsafe() -> None:
+    strict = Config().updated("safety", check="strict").updated("simulation", world="twin")
+    careful = strict.updated("strict", follower_braking_m_s2=2.0)
+    for config, some in ((Config(), False), (strict, False), (careful, True)):
+        env = TwinVectorEnv(8, config=config)
+        _, info = env.reset(seed=2_000_000, options={"vehicles": 30})
+        alone = HighwayEnv(config=config.updated("simulation", world="twin"))
+        for seed, unsafe in enumerate(info["unsafe_start"].tolist(), start=2_000_000):
+            assert alone.reset(seed=seed, options={"vehicles": 30})[1]["unsafe_start"] is unsafe
+        assert info["_unsafe_start"].all()
+        assert info["unsafe_start"].any() == some
+        assert "unsafe_start" not in env.step(np.zeros(8, np.int64))[4]
+        second = np.arange(8) == 1
+        _, info = env.reset(seed=2_000_000, options={"reset_mask": second, "vehicles": 30})
+        assert info["_unsafe_start"].tolist() == second.tolist()
 
 
 def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
