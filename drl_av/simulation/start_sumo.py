@@ -161,7 +161,9 @@ def start_arguments(
 
 
 ADDITIONAL_FILES = ("-a", "--additional-files", "--additional")
-SET_BY_US = {"n", "net", "c", "configuration", "configuration-file"} | {
+CONTROL = {"remote-port", "num-clients"}
+"""The options with which SUMO waits for a program that controls it."""
+SET_BY_US = {"n", "net", "c", "configuration", "configuration-file", *CONTROL} | {
     word.removeprefix("--")
     for word in start_arguments(["", ""], 0, Config())
     if word.startswith("--") and word not in ADDITIONAL_FILES

@@ -143,6 +143,8 @@ def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
         ("--step-length 0.1", "sumo_options has step-length, which drl-av sets itself"),
         (["--net-file=mine.net.xml"], "sumo_options has net-file"),
         ("-c mine.sumocfg", "sumo_options has c,"),
+        ("--remote-port 8899", "sumo_options has remote-port, which drl-av sets itself: leave it"),
+        ("--num-clients=2", "sumo_options has num-clients"),
         ("-r mine.rou.xml", "sumo_options has -r, but drl-av places the vehicles"),
         ("--route-files mine.rou.xml", "drive with drl_av.attach"),
         ("--fcd-output 'fcd.xml", "close its quotation mark"),
