@@ -19,6 +19,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
@@ -30,7 +31,8 @@ from types import ModuleType
 from typing import IO
 
 from drl_av.config import Config
-from drl_av.errors import ConfigError, DisplayError, SimulationError
+from drl_av.errors import ConfigError, DisplayError, ScenarioError, SimulationError
+from drl_av.scenarios.safe_xml import DETECTORS, NO_FILE, parse_xml
 from drl_av.sumo_programs import program, require_plain_numbers, sumo_module
 
 GUI_OPTIONS = ("--start", "true", "--quit-on-end", "true", "--window-size", "1280,800")
@@ -113,15 +115,38 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
 
 WRITES = re.compile(r"^--(.*-output|.*log|.*-dump|device\..*\.file|save-state\.files)$")
 """Options by which SUMO writes a file."""
+WRITTEN = {
+    **dict.fromkeys((*DETECTORS, "vTypeProbe", "routeProbe"), "file"),
+    "timedEvent": "dest",
+    "calibrator": "output",
+}
+"""The attribute that names an output file, for each such element of an additional file."""
 
 
 def require_one_process(given: str | Sequence[str]) -> None:
     """Raise ConfigError if SUMO would write one file in several processes."""
-    if written := next(filter(WRITES.search, option_words(given)), None):
+    words = option_words(given)
+    if written := next(itertools.chain(filter(WRITES.search, words), _written(words)), None):
         raise ConfigError(
             f"sumo_options has {written}, and several processes would write one file: take one "
             "process."
         )
+
+
+def _written(words: Sequence[str]) -> Iterator[str]:
+    """Yield a phrase for each output file that the user's additional files name.
+
+    A file that cannot be read is left to SUMO, and files that it includes are not looked at.
+    """
+    names = (
+        text.split(",") for word, text in itertools.pairwise(words) if word in ADDITIONAL_FILES
+    )
+    for name in itertools.chain.from_iterable(names):
+        with suppress(ScenarioError):
+            for each in parse_xml(Path(name.strip()), ET.TreeBuilder(), "").iter():
+                file = each.get(WRITTEN.get(each.tag, ""), NO_FILE)
+                if file not in (NO_FILE, os.devnull):
+                    yield f"the additional file {name.strip()}, which writes {file}"
 
 
 def _parted(word: str) -> list[str]:

@@ -188,12 +188,17 @@ def test_processes_do_not_share_a_file_that_sumo_writes(
 ) -> None:
     file, runs = tmp_path / "fcd.xml", tmp_path / "runs"
     commands = ["evaluate idm --vehicles 1 --episodes 2", f"train --seeds 1,2 --out {runs}"]
-    for words, option in product(commands, (f"--fcd-output={file}", f"--device.ssm.file {file}")):
+    writing, reading = tmp_path / "writing.add.xml", tmp_path / "reading.add.xml"
+    for detectors, output in ((writing, file), (reading, "NUL")):
+        loop = f'<inductionLoop id="loop" lane="e0_1" pos="50" period="1" file="{output}"/>'
+        detectors.write_text(f"<additional>{loop}</additional>")
+    options = f"--fcd-output={file}", f"--device.ssm.file {file}", f"-a {reading},{writing}"
+    for words, option in product(commands, options):
         assert cli.main([*words.split(), "--jobs", "2", f"--sumo-options={option}"]) == 1
         assert "several processes would write one file" in capsys.readouterr().err
     assert not file.exists()
     assert not runs.exists()
-    shared = ["--jobs", "2", "--sumo-options=--step-method.ballistic true", "-o"]
+    shared = ["--jobs", "2", f"--sumo-options=--additional-files={reading}", "-o"]
     assert cli.main([*commands[0].split(), *shared, "simulation.decisions_per_episode=2"]) == 0
 
 
