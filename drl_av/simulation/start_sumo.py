@@ -94,12 +94,18 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
     """Return SUMO options of the user as words, ``--NAME=VALUE`` as two.
 
     Raises:
-        ConfigError: the text has an open quotation mark, or an option is set by drl-av.
+        ConfigError: it is no text and no list of texts, the text has an open quotation mark, or an
+            option is set by drl-av.
     """
     try:
-        words = [*given] if not isinstance(given, str) else shlex.split(given)
+        words = shlex.split(given) if isinstance(given, str) else given
     except ValueError as error:
         raise ConfigError(f"sumo_options is {given!r}: close its quotation mark.") from error
+    if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
+        raise ConfigError(
+            f"sumo_options is {given!r}, but must be a text, such as '--fcd-output fcd.xml', or a "
+            "list of texts."
+        )
     parted = [part for word in words for part in _parted(word)]
     for name in (word.lstrip("-") for word in parted if word.startswith("-")):
         if name in ("r", "route-files"):

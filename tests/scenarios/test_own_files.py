@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 from collections import Counter
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import pytest
@@ -149,9 +150,11 @@ def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
         ("--route-files mine.rou.xml", "drive with drl_av.attach"),
         ("--fcd-output 'fcd.xml", "close its quotation mark"),
         ("--fcd-outptu fcd.xml", "correct sumo_options"),
+        (3, "sumo_options is 3, but must be a text, such as '--fcd-output fcd.xml', or a list of"),
+        (["--fcd-output", 3], r"sumo_options is \['--fcd-output', 3\], but must be a text"),
     ],
 )
-def test_an_option_that_cannot_be_is_one_sentence(options: str | list[str], said: str) -> None:
+def test_an_option_that_cannot_be_is_one_sentence(options: Any, said: str) -> None:
     with pytest.raises(DrlAvError, match=said) as raised:  # noqa: SIM117
         with closing(HighwayEnv(sumo_options=options)) as env:
             env.reset(seed=0, options={"vehicles": 1})
