@@ -87,9 +87,11 @@ class CustomVehicleType:
 
     @classmethod
     def of_sumo(cls, attributes: Mapping[str, str], share: float) -> "CustomVehicleType":
-        """Return the type of a vType element; raise ScenarioError or ValueError if one is wrong."""
+        """Return the type of a vType element; raise ScenarioError if it is wrong."""
         names = {"length_m": "length", "width_m": "width", **SUMO_NAMES}
-        numbers = {name: float(attributes[key]) for name, key in names.items() if key in attributes}
+        numbers = {
+            name: number_of(attributes, key) for name, key in names.items() if key in attributes
+        }
         if missing := [key for name, key in names.items() if name in REQUIRED - numbers.keys()]:
             raise ScenarioError(f"a vType has no {missing[0]}: add it")
         return cls(
@@ -105,6 +107,17 @@ class CustomVehicleType:
         """The settings that the type states for all its vehicles, by name."""
         values = {name: getattr(self, name) for name in SUMO_NAMES}
         return {name: value for name, value in values.items() if value is not None}
+
+
+def number_of(attributes: Mapping[str, str], key: str) -> float:
+    """Return a number of a vType element; raise ScenarioError if it is none."""
+    try:
+        return float(attributes[key])
+    except ValueError as error:
+        raise ScenarioError(
+            f"the vehicle type {attributes.get('id', '')!r} has {key} {attributes[key]!r}, but "
+            "must have a number: correct it"
+        ) from error
 
 
 def check_custom_types(description: Any) -> None:

@@ -13,9 +13,9 @@ from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.files import replacing
 from drl_av.road.road import Road
-from drl_av.road.vehicle_types import VehicleTypes, read_types
+from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
 from drl_av.scenarios import folder_files
-from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, number_of
 from drl_av.scenarios.layout import Layout
 from drl_av.scenarios.netconvert import NETWORK_FILE
 from drl_av.scenarios.open_road import OpenDescription
@@ -116,7 +116,10 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
         for path in map(Path, description.additional_files):
             if path.name in texts:
                 raise ScenarioError(f"{path.name} is a file of each scenario: rename yours.")
-            read_xml(path, OWN_ADDITIONAL, OWN_FILES)
+            root = read_xml(path, OWN_ADDITIONAL, OWN_FILES)
+            types = [each.attrib for each in root.iter("vType")]
+            names = [each.id for each in _own_types(types, str(path))]
+            read_types([*type_attributes(5.0, 1.8), *types], str(path), names)
             (unfinished / path.name).write_bytes(read_regular_file(path, OWN_FILES))
 
 
@@ -193,14 +196,22 @@ def _with_types(
 
     Their shares are their probabilities, divided by the sum of these.
     """
+    own = _own_types(types, name)
     try:
-        shares = [float(each.get("probability", 1.0)) for each in types]
-        own = (
+        return replace(description, vehicle_types=(*description.vehicle_types, *own))
+    except ScenarioError as error:
+        raise ScenarioError(f"{name}: {error}") from error
+
+
+def _own_types(types: Sequence[Mapping[str, str]], name: str) -> list[CustomVehicleType]:
+    """Return the vehicle types of a file's vType elements; ``name`` begins each message."""
+    try:
+        shares = [number_of({"probability": "1", **each}, "probability") for each in types]
+        return [
             CustomVehicleType.of_sumo(each, share / sum(shares))
             for each, share in zip(types, shares, strict=True)
-        )
-        return replace(description, vehicle_types=(*description.vehicle_types, *own))
-    except (ScenarioError, ValueError, ArithmeticError) as error:
+        ]
+    except (ScenarioError, ArithmeticError) as error:
         raise ScenarioError(f"{name}: {str(error).rstrip('.')}.") from error
 
 

@@ -1,5 +1,6 @@
 """The user's own SUMO files and options: what a folder may hold, and what only the user may say."""
 
+import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from contextlib import closing
@@ -67,7 +68,7 @@ def test_a_scenario_carries_detectors_and_types_of_the_user(here: Path) -> None:
         (TYPES.replace(' decel="4"', ""), "has decel None"),
         (TYPES.replace('length="16"', ""), "a vType has no length: add it"),
         (TYPES.replace("IDM", "EIDM"), "car_following_model is 'EIDM'"),
-        (TYPES.replace('probability="3"', 'probability="many"'), "could not convert string"),
+        (TYPES.replace('probability="3"', 'probability="many"'), "'short' has probability 'many'"),
     ],
 )
 def test_a_file_of_a_scenario_that_is_unsafe_or_wrong_is_one_sentence(
@@ -80,6 +81,25 @@ def test_a_file_of_a_scenario_that_is_unsafe_or_wrong_is_one_sentence(
     assert main(words) == 1
     assert said in error_message(capsys)
     assert not Path("/tmp/overwritten.xml").exists()
+
+
+@pytest.mark.parametrize(
+    ("stated", "wrong", "said"),
+    [
+        ('accel="1.5"', 'accel="x"', "has accel 'x', but must have a number: correct it."),
+        ('decel="4"', 'decel="x"', "has decel 'x', but must have a number above 0."),
+        ('maxSpeed="20"', 'maxSpeed="200"', "top_speed_m_s is 200.0, but must be a number from"),
+    ],
+)
+def test_a_wrong_number_of_a_type_is_named_when_the_scenario_is_written(
+    stated: str, wrong: str, said: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own_file(TYPES.replace(stated, wrong, 1))
+    assert write() == 1
+    line = error_message(capsys)
+    assert re.match("drl-av: mine.add.xml: .*ehicle type 'long'", line)
+    assert said in line
+    assert not Path("road").exists()
 
 
 @pytest.mark.parametrize("name", ["../mine.add.xml", "/etc/mine.add.xml", "a,b.add.xml", ""])
