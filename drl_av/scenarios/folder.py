@@ -17,7 +17,7 @@ from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
 from drl_av.scenarios import folder_files
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, number_of
 from drl_av.scenarios.layout import Layout
-from drl_av.scenarios.netconvert import NETWORK_FILE
+from drl_av.scenarios.netconvert import NETWORK_FILE, WRITE_AGAIN
 from drl_av.scenarios.open_road import OpenDescription
 from drl_av.scenarios.road_description import (
     PlacedVehicle,
@@ -56,7 +56,6 @@ OWN_FILES = (
     'in scenario.toml name detectors with file="NUL", vTypeDistributions, polygons and points of '
     "interest; all else is for --sumo-options '--additional-files FILE'"
 )
-WRITE_AGAIN = "write the scenario again with: drl-av scenario DIR"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from drl_av.sumo_programs import missing_library, program
 
 NETWORK_FILE = "highway.net.xml"
 """Name of the network file in a scenario folder."""
+WRITE_AGAIN = "write the scenario again with: drl-av scenario DIR"
+"""The advice if a file of a scenario folder is missing, damaged or changed."""
 DEMO_END_S = 3600
 """Time at which the demo traffic ends."""
 PRECISION = 6

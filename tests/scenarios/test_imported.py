@@ -3,6 +3,7 @@
 import gzip
 import math
 import re
+import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -480,3 +481,19 @@ def test_the_folder_of_another_person_is_checked_before_sumo_opens_it(
         load_scenario(changed(net, "</net>", '<tlLogic id="x"/></net>'))
     with pytest.raises(ScenarioError, match=r"there is no edge '5'"):
         load_scenario(changed("scenario.toml", EAST[0], "5"))
+
+
+def test_the_network_of_a_written_scenario_is_made_by_writing_the_scenario_again(
+    a10: Path, tmp_path: Path
+) -> None:
+    folder = Path(shutil.copytree(a10, tmp_path / "road"))
+    net = folder / "highway.net.xml"
+    again = "write the scenario again with: drl-av scenario DIR"
+    net.write_text(net.read_text()[:2000])
+    with pytest.raises(ScenarioError, match=rf"highway.net.xml is damaged or cut .*: {again}"):
+        load_scenario(folder)
+    net.unlink()
+    with pytest.raises(ScenarioError, match=f"highway.net.xml is missing: {again}"):
+        load_scenario(folder)
+    with pytest.raises(ScenarioError, match=r"highway.net.xml is missing: name a network file"):
+        east(net=str(net))

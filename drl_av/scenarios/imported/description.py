@@ -18,6 +18,7 @@ from drl_av.scenarios import open_road
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
 from drl_av.scenarios.imported.carriageway import Carriageway, carriageway
 from drl_av.scenarios.imported.curves import curve_limits
+from drl_av.scenarios.imported.net_file import REMEDY
 from drl_av.scenarios.imported.route import Route, Section, read_route
 from drl_av.scenarios.layout import (
     RUN_OUT_M,
@@ -31,7 +32,7 @@ from drl_av.scenarios.layout import (
     pieces_of,
     straight_on,
 )
-from drl_av.scenarios.netconvert import NETWORK_FILE, PRECISION
+from drl_av.scenarios.netconvert import NETWORK_FILE, PRECISION, WRITE_AGAIN
 from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription
 from drl_av.scenarios.road_description import LANE_WIDTH_M, LANES, SPEED_LIMIT_M_S, toml_text
 
@@ -92,7 +93,9 @@ class ImportedDescription(OpenDescription):
                     "needs net, the path of a SUMO network file, and from_edge and to_edge, two "
                     "of its edges."
                 )
-        route = read_route(Path(self.net), self.from_edge, self.to_edge)
+        net, is_written = Path(self.net), self.left_out is not None
+        remedy = WRITE_AGAIN if is_written and net.name == NETWORK_FILE else REMEDY
+        route = read_route(net, self.from_edge, self.to_edge, remedy)
         try:
             way = carriageway(route)
         except ScenarioError as error:
@@ -375,8 +378,8 @@ def read_layout(network: ET.Element, description: ImportedDescription, name: str
     """
     if Path(description.net) != Path(name):
         raise ScenarioError(
-            f"The net of the scenario is {description.net}, but must be {NETWORK_FILE!r}: write "
-            "the scenario again with: drl-av scenario DIR."
+            f"The net of the scenario is {description.net}, but must be {NETWORK_FILE!r}: "
+            f"{WRITE_AGAIN}."
         )
     return open_road.read_layout(network, description, name)
 

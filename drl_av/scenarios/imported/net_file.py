@@ -104,13 +104,13 @@ def _require_numbers(lane: Attributes) -> None:
             raise ValueError(f"its lane {lane.get('id', '')[:40]!r} has {key} {lane[key][:40]!r}")
 
 
-def read_net(path: Path) -> NetFile:
-    """Read a network file of SUMO.
+def read_net(path: Path, remedy: str = REMEDY) -> NetFile:
+    """Read a network file of SUMO; ``remedy`` is the advice if the file is missing or damaged.
 
     Raises:
         ScenarioError: the file is missing, damaged, larger than 64 MB or not a network of SUMO.
     """
-    found: NetFile = parse_xml(path, _Elements(), REMEDY, CUT_OUT)
+    found: NetFile = parse_xml(path, _Elements(), remedy, CUT_OUT)
     return found
 
 

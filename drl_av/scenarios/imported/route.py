@@ -84,20 +84,20 @@ class Route(NamedTuple):
     """What the network says about the route and is not part of it, one phrase each."""
 
 
-def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
+def read_route(path: Path, from_edge: str, to_edge: str, remedy: str = REMEDY) -> Route:
     """Return the fastest route for cars from one edge to another in a network file.
 
     The way through a junction counts as part of the edge before it. Where the number of lanes
     changes, SUMO's connections determine which lanes continue; all others begin or end there. If a
     lane leads to two lanes of the next edge, drl-av makes the choice with which the largest number
     of lanes continues. A lane that is closed to cars is no lane. A network whose traffic drives on
-    the left is mirrored.
+    the left is mirrored. ``remedy`` is the advice if the file is missing or damaged.
 
     Raises:
         ScenarioError: the file is no network of SUMO, there is no such route, or the route is no
             highway that drl-av can drive; each message names the file and what to do.
     """
-    file = read_net(path)
+    file = read_net(path, remedy)
     try:
         edges = _way(file.net, from_edge, to_edge)
         opened = [open_range(edge) for edge in edges]
@@ -110,7 +110,7 @@ def read_route(path: Path, from_edge: str, to_edge: str) -> Route:
     except ScenarioError as error:
         raise ScenarioError(f"{path}: {error}") from error
     except BROKEN as error:
-        raise ScenarioError(f"{path} lacks or misstates {error}: {REMEDY}.") from error
+        raise ScenarioError(f"{path} lacks or misstates {error}: {remedy}.") from error
 
 
 def _way(net: Any, from_edge: str, to_edge: str) -> Sequence[Any]:
