@@ -339,6 +339,7 @@ def test_the_motorway_is_driven_past_a_ramp_to_which_its_lane_gives_way(tmp_path
     assert set(states) == {"m"}  # the ramp has the higher priority
     description = described(net, "M1", "M2")
     assert description.left_out == (
+        "1 road that joins it, with its traffic",
         "that the route gives way to the ramp 'on' at junction 'b' at the end of edge 'M1'",
     )
     assert description.plan().road.partial_lanes == ()
@@ -397,6 +398,7 @@ def test_the_motorway_is_driven_past_a_ramp_meter(tmp_path: Path) -> None:
     net = lights(meeting(tmp_path, "traffic_light"), "GG")
     description = described(net, "M1", "M2")
     assert description.left_out == (
+        "1 road that joins it, with its traffic",
         "the traffic lights of junction 'b' at the end of edge 'M1', which always let the route "
         "pass",
     )
@@ -440,6 +442,21 @@ def test_the_motorway_is_never_taken_for_an_exit(tmp_path: Path) -> None:
     exits = described(net, "M1", "off")
     assert exits.plan().road.exit_m == pytest.approx(1030.0, abs=10.0)
     assert described(net, "M1", "M3").plan().road.exit_m == float("inf")
+
+
+def test_the_roads_that_join_and_leave_a_route_are_left_out_by_their_number(tmp_path: Path) -> None:
+    net = weaving(tmp_path)
+    joins = "1 road that joins it, with its traffic"
+    whole = described(net, "M1", "M3")
+    assert whole.left_out == ("1 road that joins it and 1 road that leaves it, with their traffic",)
+    assert whole.summary.endswith(f"\nLeft out: {whole.left_out[0]}.")
+    # where the route leaves the motorway, that goes on
+    leaving, *others = described(net, "M1", "off").left_out or ()
+    assert (leaving, "behind the exit" in others[0], len(others)) == (joins, True, 1)
+    assert described(net, "M2", "M3").left_out == ("1 road that leaves it, with its traffic",)
+    turning = re.sub(r'(<connection from="M2" to="off" [^>]*dir=)"."', r'\1"t"', net.read_text())
+    net.write_text(turning)
+    assert described(net, "M1", "M3").left_out == (joins,)
 
 
 def test_a_lane_with_a_point_that_is_no_number_is_refused(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from drl_av.errors import ScenarioError
+from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import PartialLane
 from drl_av.scenarios.highways import AFTER_M
 from drl_av.scenarios.imported.route import Route, Section
@@ -48,6 +48,23 @@ class Carriageway(NamedTuple):
     def exit_lanes(self) -> range:
         """Indices of the lanes that lead to the off-ramp; the rightmost ones, or none."""
         return self.sections[-1].leading_on if self.off_ramp else range(0)
+
+    @property
+    def other_roads(self) -> str:
+        """A phrase for the roads that join or leave the route before its end; "" without any.
+
+        Where the route has an exit, the motorway that goes on there is none of them.
+        """
+        passed = self.sections[:-1]
+        joining = {edge for section in passed for edge in section.joining}
+        leaving = {edge for section in passed for edge in section.leaving}
+        phrases = [
+            f"{pluralize(len(roads), 'road')} that {verb}{'s' if len(roads) == 1 else ''} it"
+            for roads, verb in ((joining, "join"), (leaving, "leave"))
+            if roads
+        ]
+        whose = "its" if len(joining) + len(leaving) == 1 else "their"
+        return f"{' and '.join(phrases)}, with {whose} traffic" if phrases else ""
 
     @property
     def partial_lanes(self) -> tuple[PartialLane, ...]:

@@ -271,6 +271,8 @@ class ImportedDescription(OpenDescription):
 
     def _left_out(self) -> Iterator[str]:
         """Yield a phrase for everything that the scenario leaves out."""
+        if self.way.other_roads:
+            yield self.way.other_roads
         if self.way.left_out_m >= 1.0:
             yield f"{self.way.left_out_m:.0f} m of the route behind the exit"
         yield from self.route.left_out

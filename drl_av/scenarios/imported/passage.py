@@ -14,6 +14,8 @@ YIELDING = ("m", "=")
 """SUMO's states of a connection that gives way without a stop: minor, and equal."""
 GREEN = frozenset("GgoO")
 """SUMO's states of a traffic light at which a vehicle need not stop: green, or off."""
+TURNS = ("t", "T")
+"""SUMO's directions of a connection that turns round."""
 TOLERANCE_M = 0.01
 """Largest difference between the lengths of the lanes of an edge; SUMO rounds to centimetres."""
 
@@ -31,6 +33,10 @@ class Step(NamedTuple):
     """The speed limits of the lanes behind the junction, by the lane index on the first edge."""
     leading_away: frozenset[int]
     """Lane indices in SUMO, on the first edge, of the lanes that lead to yet another edge."""
+    joining: frozenset[str]
+    """The ids of the other edges that lead to the second edge."""
+    leaving: frozenset[str]
+    """The ids of the other edges to which the first edge leads."""
     left_out: Sequence[str]
 
     @property
@@ -108,8 +114,25 @@ def step_between(file: NetFile, edge: Any, following: Any) -> Step:
             if other is not following
             for lane, _ in _ways(edge, other)
         ),
+        frozenset(
+            other.getID()
+            for other in following.getIncoming()
+            if other is not edge and _leads(other, following)
+        ),
+        frozenset(
+            other.getID()
+            for other in edge.getOutgoing()
+            if other is not following and _leads(edge, other)
+        ),
         [*dict.fromkeys(phrases)],
     )
+
+
+def _leads(edge: Any, other: Any) -> bool:
+    """Whether cars may drive from an edge to another one, other than by turning round."""
+    ends_inside = "internal" in (edge.getFunction(), other.getFunction())
+    ways = _ways(edge, other).values()
+    return not ends_inside and any(way.getDirection() not in TURNS for way in ways)
 
 
 def lane_limit_m_s(file: NetFile, edge: Any, lane: int) -> float:

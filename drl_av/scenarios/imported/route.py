@@ -68,6 +68,9 @@ class Section(NamedTuple):
     """Indices of those ``lanes`` that continue on the next edge of the route."""
     leading_away: frozenset[int]
     """Indices of those ``lanes`` that lead cars to another edge than the next one of the route."""
+    joining: frozenset[str]
+    leaving: frozenset[str]
+    """The ids of the other edges that lead to the next edge of the route, and from this one."""
     shape: tuple[Point, ...]
     spread: str
     """SUMO's spreadType: how the lanes lie about the shape."""
@@ -103,7 +106,7 @@ def read_route(path: Path, from_edge: str, to_edge: str, remedy: str = REMEDY) -
         opened = [open_range(edge) for edge in edges]
         width_m = _lane_width(edges)
         steps = [step_between(file, edge, following) for edge, following in pairwise(edges)]
-        last = Step(range(0), 0, {}, {}, frozenset(), ())
+        last = Step(range(0), 0, {}, {}, frozenset(), frozenset(), frozenset(), ())
         sections = _sections(file, edges, opened, [*steps, last])
         lines = tuple(_lines(file, edges, steps, sections))
         return Route(tuple(sections), width_m, lines, tuple(_left_out(file, edges, steps)))
@@ -177,6 +180,8 @@ def _sections(
                 _shifted(lanes, first),
                 _shifted(on, first),
                 frozenset(first + lane for lane in step.leading_away),
+                step.joining,
+                step.leaving,
                 _shape(file, edge),
                 file.edges[edge.getID()].get("spreadType", "right"),
             )
