@@ -22,7 +22,7 @@ from studies.trainings import TrainingJob, blocks_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SEEDS = 2
+SEEDS = 5
 """Number of drivers, each of which learns with another seed."""
 CHANGES = {"adaptation": {}, "no_adaptation": {"learning_rate": 0.0}}
 """The [learning] settings in which each variant differs from ``drl-av adapt``."""
