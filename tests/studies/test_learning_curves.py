@@ -225,6 +225,7 @@ def test_both_begin_as_the_driver_of_the_curves_and_only_one_of_them_learns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(adaptation, "BLOCK", 2)
+    monkeypatch.setattr(adaptation, "SEEDS", 2)
     wanted = options(tmp_path)
     (tmp_path / "settings.toml").write_text(ADAPTED)
     runs = wanted.runs
