@@ -1,6 +1,6 @@
 """A driver and a safety check for one vehicle of the user's own SUMO simulation (ours)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -89,7 +89,10 @@ def _specs(
     driver: str | Path | Driver, config: Config | Mapping[str, Any] | str | Path | None
 ) -> tuple[list[DriverSpec], Config]:
     """Return what is to be loaded, if anything, and the config with which the driver drives."""
-    if not isinstance(driver, str | Path):
+    specs: Sequence[DriverSpec] = ()
+    if isinstance(driver, str | Path):
+        specs = find_drivers([driver])
+    else:
         kind = type(driver).__name__
         if not is_driver(driver):
             raise ConfigError(
@@ -98,7 +101,6 @@ def _specs(
                 "called."
             )
         require_methods(driver, kind)
-    specs = find_drivers([driver]) if isinstance(driver, str | Path) else ()
     settings = driving_config(specs, config)
     if any(spec.is_planner for spec in specs):
         raise ConfigError(

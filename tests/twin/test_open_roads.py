@@ -196,7 +196,7 @@ def test_vehicles_leave_and_enter(net: Net) -> None:
     assert world.near[COUNT] == 6
     assert world.x[FRONT_M, :6].tolist() == fronts_m
     assert world.x[FRONT_M, world.z[ORDER, :6]].tolist() == sorted(fronts_m, reverse=True)
-    exchange(world, net, np.arange(5), ARRAYS(newcomer), models[:0], sizes_m)  # nobody enters
+    exchange(world, net, np.arange(5), ARRAYS(newcomer), models[:0], sizes_m)  # no vehicle enters
     assert world.x[FRONT_M, : world.near[COUNT]].tolist() == fronts_m
     world.x[FRONT_M, 5] = end_m
     exchange(world, net, np.array([0, 2, 3, 4]), ARRAYS(newcomer), models[:0], sizes_m)
