@@ -363,7 +363,8 @@ def exchange(
         write_vehicles(world, net, entering, driver_models, sizes_m)
         present, stay, before = np.arange(world.near[COUNT]), len(kept), len(rows)
         parts = present[:stay], present[before:], present[stay:before]
-        keep_vehicles(world, np.concatenate(parts))
+        if before > stay:
+            keep_vehicles(world, np.concatenate(parts))
     sort_and_activate(world, net)
 
 
