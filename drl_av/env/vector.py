@@ -226,6 +226,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         info |= step_info(
             self.episodes, self._over, self.ways, decided, self.collided_with, ~begins
         )
+        if not goes_on.all():
+            info |= self._start_info(np.flatnonzero(begins))
         observations = self._observations()
         if self._reward is not None and before is not None:
             now, outcome = self._seen(observations), (rewards, terminated, truncated)
@@ -310,8 +312,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """Reset the worlds whose episode is over; their last scene goes to ``info``."""
         over = self._over.copy()
         info |= with_final(info, iterate(self.observation_space, last), over)
-        self._begin(np.flatnonzero(over), [None] * self.num_envs)
-        info |= self._info()
+        rows = np.flatnonzero(over)
+        self._begin(rows, [None] * self.num_envs)
+        info |= self._info() | self._start_info(rows)
         return self._observations()
 
     def _seen(self, observations: Observations) -> list[tuple[Scene, Any]]:
@@ -372,7 +375,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         return common_info(self.episodes, self.seeds, self.vehicles, self.ways, mask)
 
     def _start_info(self, rows: npt.NDArray[np.intp]) -> dict[str, Any]:
-        """Return what only ``reset`` has in ``info``, of the worlds ``rows`` that it has reset."""
+        """Return what only a reset has in ``info``, of the worlds ``rows`` that begin anew."""
         begun, unsafe = np.zeros((2, self.num_envs), np.bool_)
         begun[rows] = True
         if isinstance(self._check, Strict):

@@ -194,26 +194,43 @@ class Strict(WholeCheck):
         Behind: each vehicle that must stay behind (bound 4) can stop behind the ego, if the ego
         keeps its speed for one decision and then brakes hard.
         """
-        if not self.fallback_is_free(scene):
-            return False
-        shot, ground, ego = scene.snapshot, scene.indicators.ground, self._ego
-        covered_m, width_m = covered(float(shot.speed_m_s[EGO]), ego)[MAINTAIN], ground[1]
-        body = float(shot.y_m[EGO]), float(shot.width_m[EGO])
-        for row in range(1, len(shot.ids)):
-            if not must_stay_behind(shot.y_m[row], shot.width_m[row], *body, width_m):
-                continue
-            for ahead_m in distances_ahead(shot.s_m, row, ground[0]):
-                gap_m = abs(ahead_m) - (shot.length_m[row] + shot.length_m[EGO]) / 2
-                near = gap_m, gap_m > 0 and ahead_m >= 0, shot.speed_m_s[row]
-                if not stays_behind(*near, 0.0, covered_m, self._strict, ego.step_length_s):
-                    return False
-        return True
+        is_safe: bool = start_is_safe.fast(*self._arguments(scene))
+        return is_safe
 
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
         values, codes, ground, *_ = scene.indicators
         around = scene.lanes, (*ground, values[FRONT])
         return scene.snapshot.arrays, codes, *around, self._strict, self._ego
+
+
+@compiled
+def start_is_safe(
+    others: Vehicles,
+    codes: IntArray,
+    lanes: tuple[int, int],
+    ground: Ground,
+    strict: StrictNumbers,
+    ego: EgoNumbers,
+) -> bool:
+    """Return whether ``strict`` can protect an episode that begins with this scene.
+
+    The arguments are those of ``strict_verdicts``.
+    """
+    if not fallback_is_free(others, codes, lanes, ground, strict, ego):
+        return False
+    s_m, y_m, speed_m_s, _, length_m, width_m = others
+    covered_m = covered(speed_m_s[EGO], ego)[MAINTAIN]
+    for row in range(1, len(s_m)):
+        if not must_stay_behind(y_m[row], width_m[row], y_m[EGO], width_m[EGO], ground[1]):
+            continue
+        for ahead_m in distances_ahead(s_m, row, ground[0]):
+            gap_m = abs(ahead_m) - (length_m[row] + length_m[EGO]) / 2
+            is_behind = gap_m > 0 and ahead_m >= 0
+            near = gap_m, is_behind, speed_m_s[row], 0.0, covered_m
+            if not stays_behind(*near, strict, ego.step_length_s):
+                return False
+    return True
 
 
 @compiled

@@ -108,6 +108,29 @@ def test_a_reset_says_of_the_worlds_that_it_begins_which_starts_are_unsafe() -> 
         assert info["_unsafe_start"].tolist() == second.tolist()
 
 
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_a_step_says_of_the_worlds_that_it_begins_anew_which_starts_are_unsafe(
+    mode: AutoresetMode,
+) -> None:
+    config = Config().updated("safety", check="strict").updated("simulation", world="twin")
+    config = config.updated("strict", follower_braking_m_s2=2.0).updated("traffic", vehicles_min=30)
+    env = TwinVectorEnv(4, config=config, autoreset_mode=mode)
+    env.reset(seed=2_000_000)
+    _, _, _, over, info = env.step(np.ones(4, np.int64))
+    while not over.any():
+        assert "unsafe_start" not in info
+        _, _, _, over, info = env.step(np.ones(4, np.int64))
+    if mode == AutoresetMode.NEXT_STEP:
+        assert "unsafe_start" not in info
+        info = env.step(np.ones(4, np.int64))[4]
+    assert info["_unsafe_start"].tolist() == over.tolist()
+    alone = HighwayEnv(config=config)
+    for seed, begun, unsafe in zip(info["seed"], over, info["unsafe_start"], strict=True):
+        if begun:
+            assert alone.reset(seed=int(seed))[1]["unsafe_start"] == unsafe
+    assert "unsafe_start" not in env.step(np.ones(4, np.int64))[4]
+
+
 def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
     env = TwinVectorEnv(2)
     _, info = env.reset(seed=5, options={"vehicles": 9})
