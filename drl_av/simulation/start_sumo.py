@@ -119,7 +119,10 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(parted)
 
 
-WRITES = re.compile(r"^--(.*-output|.*log|.*-dump|device\..*\.file|save-state\.files)$")
+WRITES = re.compile(
+    r"^(-[lC]|--(.*[-.]output|.*log|.*-dump|device\..*\.file|save-state\.(files|times|period)"
+    r"|save-(configuration|template|schema)))$"
+)
 """Options by which SUMO writes a file."""
 WRITTEN = {
     **dict.fromkeys((*DETECTORS, "vTypeProbe", "routeProbe"), "file"),
