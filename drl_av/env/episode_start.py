@@ -12,10 +12,11 @@ from drl_av.config import Config, SimulationConfig, TrafficConfig
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.twin_simulation import TwinSimulation
-from drl_av.errors import ConfigError, DrlAvWarning
+from drl_av.errors import ConfigError, DrlAvWarning, pluralize
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.layout import Layout
+from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.simulation import Simulation
 
 DECISIONS = SimulationConfig().decisions_per_episode
@@ -110,10 +111,12 @@ def seeds_of_worlds(seed: Any, worlds: int) -> list[int | None]:
     if seed is None:
         return [None] * worlds
     if is_whole(seed):
-        return [int(seed) + row for row in range(worlds)]
+        seed = [int(seed) + row for row in range(worlds)]
     listed = isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str)
     if not listed or not all(one is None or is_whole(one) for one in seed):
         raise ConfigError(f"seed is {seed!r}, but must be a whole number, or one for each world.")
+    if any(one is not None and one >= 2**63 for one in seed):
+        raise ConfigError(f"seed is {seed!r}, but must be below 2^63.")
     if len(seed) != worlds:
         raise ConfigError(
             f"reset has {len(seed)} seeds, but there are {worlds} worlds: give one for each, or a "
@@ -182,6 +185,21 @@ def number_of_vehicles(
     vehicles = options["vehicles"]
     require_numbers(vehicles=(vehicles, 0, None))
     return int(vehicles)
+
+
+def require_range(traffic: TrafficConfig, fleets: Sequence[Fleet]) -> None:
+    """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the loop of the fleets.
+
+    The number of vehicles at the start on an open road, which they have by default, always fits.
+    """
+    if fleets[0].default_vehicle_count is not None:
+        return
+    most = min(fleet.capacity for fleet in fleets)
+    if traffic.vehicles_max > most:
+        raise ConfigError(
+            f"traffic.vehicles_max is {traffic.vehicles_max}, but this road takes "
+            f"{pluralize(most, 'vehicle')} besides the ego: ask for fewer or make the loop longer."
+        )
 
 
 class TrafficSetup(NamedTuple):

@@ -23,6 +23,7 @@ from drl_av.env.episode_start import (
     drawn_traffic,
     most_decisions,
     number_of_vehicles,
+    require_range,
     reset_options,
     traffic_seed,
     traffic_setups,
@@ -35,7 +36,7 @@ from drl_av.env.route_outcome import COMPLETE, RouteOutcome
 from drl_av.env.scene_values import SceneValues
 from drl_av.env.transition import Observation, RewardFunction, Transition, custom_reward
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.errors import ConfigError, pluralize
+from drl_av.errors import ConfigError
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import ActionMask, action_mask, mask_of, named_check
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
@@ -71,11 +72,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.render_mode = render_mode
         config = as_config(config)
         if scenario is not None:
-            if not isinstance(scenario, str | Path):
-                raise ConfigError(
-                    f"scenario is of the type {type(scenario).__name__}, but must be a folder or "
-                    "the name of a shipped scenario; settings are the argument config."
-                )
             config = with_scenario(config, scenario)
         config, own_check = with_check(config, safety_check)
         config = with_scenario(config)  # a copy may be made in another working directory
@@ -148,13 +144,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             for fleet in fleets:
                 fleet.draw(0, vehicles)
             return
-        most = min(fleet.capacity for fleet in fleets)
-        if traffic.vehicles_max > most and fleets[0].default_vehicle_count is None:
-            raise ConfigError(
-                f"traffic.vehicles_max is {traffic.vehicles_max}, but this road takes "
-                f"{pluralize(most, 'vehicle')} besides the ego: ask for fewer or make the loop "
-                "longer."
-            )
+        require_range(traffic, fleets)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -52,12 +52,12 @@ class OpenWorlds:
         """Return whether the ego of a world has passed its exit without taking it."""
         return self.routes[row].misses_exit(now)
 
-    def draw(self, row: int, seed: int, vehicles: int, kinds: Sequence[Config]) -> Drawn:
-        """Draw the traffic of an episode in a world, as ``draw_traffic`` does on a loop."""
+    def draw(self, seed: int, vehicles: int, kinds: Sequence[Config]) -> tuple[Drawn, Fleet]:
+        """Draw the traffic of an episode, as ``draw_traffic`` does on a loop."""
         config = kinds[kind_of_traffic(seed, len(kinds))]
-        fleet = self.fleets[row] = Fleet(self._scenario, config)
+        fleet = Fleet(self._scenario, config)
         fleet.draw(seed, vehicles)
-        return Drawn(config, fleet.population, fleet.driver_models, NO_EVENTS)
+        return Drawn(config, fleet.population, fleet.driver_models, NO_EVENTS), fleet
 
     def copied(self, row: int, count: int, seed: int | None, time_s: float) -> "OpenWorlds":
         """Return ``count`` copies of a world; what happens in copy i is drawn with ``seed`` + i.

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from functools import cached_property
 from pathlib import Path
@@ -24,8 +23,10 @@ from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.custom import custom_observation_of, custom_reward_of
 from drl_av.env.episode_start import (
     actions_of_worlds,
+    most_decisions,
     number_of_vehicles,
     require_numbers,
+    require_range,
     reset_options,
     rows_to_reset,
     seeds_of_worlds,
@@ -49,7 +50,7 @@ from drl_av.env.vector_info import (
     with_final,
 )
 from drl_av.env.wide_view import wide_view
-from drl_av.env.world_arrays import WorldArrays
+from drl_av.env.world_arrays import Begun, WorldArrays
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.sweep import NO_CONTACT
@@ -57,7 +58,7 @@ from drl_av.safety import named_check
 from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import with_scenario
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import draw_future, draw_traffic, place_vehicles
+from drl_av.twin.traffic import draw_future
 from drl_av.twin.worlds import LANE, MODEL, STEP, IntArray
 
 FIRST_EVENTS = 64
@@ -88,6 +89,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         autoreset_mode: When an episode that is over begins again: at the next step, as gymnasium's
             vector environments do by default, in the same step, or not at all.
         threads: Threads among which the worlds are divided; the results do not depend on it.
+        max_episode_steps: The most decisions in an episode; by default as in the environment.
+        render_mode: None; the twin draws no pictures.
+        sumo_options: None; the twin has no SUMO.
 
     Raises:
         ConfigError: a setting is wrong, or the twin cannot do what the settings ask.
@@ -104,14 +108,22 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         reward: str | RewardFunction | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
+        max_episode_steps: int | None = None,
+        render_mode: None = None,
+        sumo_options: None = None,
     ) -> None:
+        if render_mode is not None or sumo_options is not None:
+            raise ConfigError(
+                "make_vec drives in the twin, which has no pictures and no SUMO: leave render_mode "
+                "and sumo_options out, or take gymnasium.make."
+            )
         config = as_config(config)
         if scenario is not None:
             config = with_scenario(config, scenario)
         if safety_check is not None:
             if not isinstance(safety_check, str):
                 raise ConfigError(
-                    "safety_check is a function, but the twin has the named checks only "
+                    f"safety_check is {safety_check!r}, but the twin has the named checks only "
                     f"({', '.join(CHECK_NUMBERS)}): name one, or take gymnasium.make."
                 )
             config = config.updated("safety", check=safety_check)
@@ -126,7 +138,10 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         require_numbers(num_envs=(num_envs, 1, None), threads=(threads, 1, None))
         self._masked, self._threads = action_mask, threads
         self._is_fork = self._begun = False
-        self._options: Mapping[str, Any] = {}
+        self._most_decisions = most_decisions(config, self._scenario.layout)
+        if max_episode_steps is not None:
+            require_numbers(max_episode_steps=(max_episode_steps, 1, None))
+            self._most_decisions = min(self._most_decisions, max_episode_steps)
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
         self._make_arrays(config.traffic.vehicles_max + 1, FIRST_EVENTS)
 
@@ -148,14 +163,13 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self.seeds = np.full(count, -1)
         """The traffic seed of each world's episode."""
         self.vehicles = np.zeros(count, np.int64)
-        """The vehicles besides the ego in each world."""
+        self.collided_with = np.full(count, "", dtype=object)
         self._over = np.ones(count, np.bool_)
         self.kept: dict[int, IntArray] = {}
         """The former rows of the vehicles that stay, by world, where some have entered or left."""
         self._rows, self.ways = np.arange(count), np.full(count, "", dtype=object)
         """The outcome of each ego's route."""
-        self._chunks = max(1, min(self._threads, count, os.cpu_count() or 1))
-        self._pool = ThreadPoolExecutor(self._chunks) if self._chunks > 1 else None
+        self._make_pool(max(1, min(self._threads, count, os.cpu_count() or 1)))
 
     def reset(
         self,
@@ -173,8 +187,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """
         given = reset_options(options, "reset_mask")
         rows = rows_to_reset(given.pop("reset_mask", None), self.num_envs, self._begun)
-        self._options = given
-        self._begin(rows, seeds_of_worlds(seed, self.num_envs))
+        self._begin(rows, seeds_of_worlds(seed, self.num_envs), given)
         self._begun = True
         return self._observations(), self._info() | self._start_info(rows)
 
@@ -203,7 +216,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
                 raise gymnasium.error.ResetNeeded(
                     "An episode is over: call reset with the option reset_mask."
                 )
-            self._begin(np.flatnonzero(begins), [None] * self.num_envs)
+            self._begin(np.flatnonzero(begins))
         rows = np.flatnonzero(~begins)
         before = None if self._reward is None else self._seen(self._observations())
         executed = self.episodes.executed[self._rows, proposed]
@@ -211,7 +224,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self._decide(rows, proposed)
         goes_on = ~begins | self._is_fork
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
-        late = self.episodes.decisions >= self.config.simulation.decisions_per_episode
+        late = self.episodes.decisions >= self._most_decisions
         truncated = (late | (self.episodes.scene[:, 0, 0] >= self.road.end_m)) & goes_on
         r_v, r_y, r_x = self.episodes.terms.T
         rewards = (r_v + r_y + r_x) / 3
@@ -263,7 +276,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         fork, decisions = copy(self), int(self.episodes.decisions[world])
         for space in ("observation_space", "action_space"):
             vars(fork).pop(space, None)  # those of other worlds, which take long to make
-        fork._is_fork, fork._options = True, {}
+        fork._is_fork = True
         fork._make_worlds(n, AutoresetMode.DISABLED)
         fork._make_arrays(self.worlds.x.shape[2], self.episodes.events.shape[1])
         given: tuple[Any, ...] = (*self.worlds, *self.episodes)
@@ -313,7 +326,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         over = self._over.copy()
         info |= with_final(info, iterate(self.observation_space, last), over)
         rows = np.flatnonzero(over)
-        self._begin(rows, [None] * self.num_envs)
+        self._begin(rows)
         info |= self._info() | self._start_info(rows)
         return self._observations()
 
@@ -335,39 +348,41 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         name = self.collided_with[row]
         return transition_of(row, self.episodes, seen, decided, outcome, route, name)
 
-    def _begin(self, rows: npt.NDArray[np.intp], seeds: Sequence[int | None]) -> None:
-        """Start an episode in each of the worlds ``rows``."""
-        config, most = self.config, self.config.simulation.decisions_per_episode
-        drawn = []
-        for row in rows.tolist():
-            seed, generator = seeds[row], self._generators[row]
-            if generator is None or seed is not None:
-                generator, _ = seeding.np_random(seed)
-                self._generators[row] = generator
-            seed = traffic_seed(seed, self._options, generator)
-            usual = self.open.default_vehicle_count if self.open else None
-            vehicles = number_of_vehicles(self._options, seed, config.traffic, None, usual)
-            self.seeds[row], self.vehicles[row] = seed, vehicles
-            kinds = config.per_traffic_preset
-            if self.open is not None:
-                drawn.append(self.open.draw(row, seed, vehicles, kinds))
-            else:
-                drawn.append(draw_traffic(seed, vehicles, self._scenario, kinds, most))
-        self.make_room(max((len(one.driver_models) for one in drawn), default=0), 0)
-        for row, one in zip(rows.tolist(), drawn, strict=True):
-            vehicles_of_it = one.population, one.driver_models, self._scenario, one.config
-            place_vehicles(self.world(row), self.task.net, *vehicles_of_it)
-            self._set_events(row, one.events)
+    def _begin(
+        self,
+        rows: npt.NDArray[np.intp],
+        seeds: Sequence[int | None] = (),
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Start an episode in each of the worlds ``rows``, or in none if one of them is refused."""
+        given = options or {}
+        if "vehicles" not in given:
+            require_range(self.config.traffic, self._fleets)
+        begun = [self._drawn(row, seeds[row] if seeds else None, given) for row in rows.tolist()]
+        self.make_room(max((len(one.traffic.driver_models) for one in begun), default=0), 0)
+        for row, one in zip(rows.tolist(), begun, strict=True):
+            self._generators[row], self.seeds[row] = one.generator, one.seed
+            self._place(row, one)
         episodes = self.episodes
         episodes.lanes[rows] = self.worlds.z[rows, LANE, :1]
         episodes.heading_rad[rows], episodes.decisions[rows], episodes.sums[rows] = 0.0, 0, 0.0
         episodes.collision[rows] = NO_CONTACT, 0
-        self._over[rows] = False
+        self._over[rows], self.collided_with[rows] = False, ""
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
         if self.open is not None:
             for row in rows.tolist():
                 self.open.begin(row, self._indicators(row))
         self.ways[rows] = ""
+
+    def _drawn(self, row: int, seed: int | None, options: Mapping[str, Any]) -> Begun:
+        """Draw the next episode of a world."""
+        generator = self._generators[row]
+        if generator is None or seed is not None:
+            generator, _ = seeding.np_random(seed)
+        seed = traffic_seed(seed, options, generator)
+        usual = self.open.default_vehicle_count if self.open else None
+        vehicles = number_of_vehicles(options, seed, self.config.traffic, None, usual)
+        return Begun(generator, seed, *self._draw(seed, vehicles))
 
     def _info(self) -> dict[str, Any]:
         """Return what ``reset`` and ``step`` have in common of ``info``."""

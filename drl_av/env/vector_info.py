@@ -38,11 +38,22 @@ def with_final(info: dict[str, Any], last: Iterable[Any], over: Flags) -> dict[s
     ``last`` has each world's observation.
     """
     kept = [row if ended else None for row, ended in zip(last, over, strict=True)]
-    final = {name: value.copy() for name, value in info.items() if isinstance(value, np.ndarray)}
     final_obs = np.full(len(kept), None, dtype=object)
     final_obs[:] = kept
-    ends = {"final_obs": final_obs, "final_info": final}
-    return info | marked(ends, over)
+    ends = {"final_obs": final_obs, "final_info": present_in(info, over)}
+    return present_in(info, ~over) | marked(ends, over)
+
+
+def present_in(info: dict[str, Any], worlds: Flags) -> dict[str, Any]:
+    """Return a copy of ``info`` that only some of its worlds have, bool of shape (worlds,)."""
+    return {
+        name: present_in(value, worlds)
+        if isinstance(value, dict)
+        else value & worlds
+        if name.startswith("_")
+        else value.copy()
+        for name, value in info.items()
+    }
 
 
 def common_info(

@@ -1,7 +1,7 @@
 """The arrays of many worlds of the twin: the worlds decide, and their scenes are read."""
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +14,22 @@ from drl_av.env.twin_episodes import Episodes, decide_all, empty_episodes, look_
 from drl_av.road.snapshot import EGO_ID, Snapshot
 from drl_av.road.sweep import NO_CONTACT
 from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.fleet import Fleet
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
+from drl_av.twin.traffic import Drawn, draw_traffic, place_vehicles
 from drl_av.twin.worlds import COUNT, STEP, IntArray, World, Worlds, empty_worlds
+
+
+class Begun(NamedTuple):
+    """The start of an episode of a world."""
+
+    generator: np.random.Generator
+    """What draws the next seed."""
+    seed: int
+    traffic: Drawn
+    fleet: Fleet | None
+    """The vehicles of an open road, and its inflow."""
 
 
 class WorldArrays:
@@ -34,7 +47,7 @@ class WorldArrays:
     kept: dict[int, IntArray]
     """The former rows of the vehicles that stay, by world, where some have entered or left."""
     collided_with: npt.NDArray[Any]
-    """The name of the vehicle with which each ego collided in its last decision, or ""."""
+    """The name of the vehicle with which each ego has collided in its episode, or ""."""
     _chunks: int
     _pool: ThreadPoolExecutor | None
 
@@ -44,6 +57,7 @@ class WorldArrays:
         self.road = self._scenario.road
         self.task = task_of(self._scenario, config)
         self.open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
+        self._fleets = [Fleet(self._scenario, kind) for kind in config.per_traffic_preset]
 
     def _make_arrays(self, vehicles: int, events: int) -> None:
         """Make the arrays of all worlds for so many vehicles and events in one."""
@@ -72,6 +86,27 @@ class WorldArrays:
         if self.open is not None:
             return self.open.fleets[row].ids
         return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
+
+    def _draw(self, seed: int, vehicles: int) -> tuple[Drawn, Fleet | None]:
+        """Draw the traffic of an episode, with its inflow on an open road.
+
+        Raises ScenarioError if the vehicles do not fit on the road.
+        """
+        kinds, timing = self.config.per_traffic_preset, self.config.simulation
+        if self.open is not None:
+            return self.open.draw(seed, vehicles, kinds)
+        most = timing.decisions_per_episode
+        return draw_traffic(seed, vehicles, self._scenario, kinds, most), None
+
+    def _place(self, row: int, begun: Begun) -> None:
+        """Place the vehicles of an episode in a world."""
+        traffic = begun.traffic
+        self.vehicles[row] = len(traffic.driver_models) - 1
+        if self.open is not None and begun.fleet is not None:
+            self.open.fleets[row] = begun.fleet
+        of_it = traffic.population, traffic.driver_models, self._scenario, traffic.config
+        place_vehicles(self.world(row), self.task.net, *of_it)
+        self._set_events(row, traffic.events)
 
     def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
         """Set the random events of a world that are to come."""
@@ -103,7 +138,7 @@ class WorldArrays:
             for vehicle, side in fleets[row].lane_changes(0.0, self.episodes.scene[row, 1]):
                 request_change(self.world(row), net, vehicle, side, REQUEST_STEPS)
         self._decide_all(rows, proposed)
-        self.collided_with = self._struck()
+        self.collided_with = self._struck(rows)
         if self.open is None:
             return
         self.kept.clear()
@@ -120,13 +155,27 @@ class WorldArrays:
                 self.kept[row] = exchanged[0]
         look_all(self.worlds, self.episodes, self.task, np.array([*self.kept], np.int64))
 
-    def _struck(self) -> npt.NDArray[Any]:
-        """Return ``collided_with``, before any vehicle leaves the road."""
+    def _struck(self, rows: npt.NDArray[np.intp]) -> npt.NDArray[Any]:
+        """Return ``collided_with`` after a decision of ``rows``, before any vehicle leaves."""
         kind, other = self.episodes.collision.T
-        names = np.full(self.num_envs, "", dtype=object)
-        for row in np.flatnonzero((kind != NO_CONTACT) & (other > 0)).tolist():
+        names, hits = self.collided_with.copy(), (kind != NO_CONTACT) & (other > 0)
+        names[rows] = ""
+        for row in rows[hits[rows]].tolist():
             names[row] = self._ids(row)[other[row]]
         return names
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has: all but the threads, of which it makes its own."""
+        return vars(self) | {"_pool": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._make_pool(self._chunks)
+
+    def _make_pool(self, threads: int) -> None:
+        """Make the threads among which the worlds are divided."""
+        self._chunks = threads
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def _decide_all(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, divided over the threads."""

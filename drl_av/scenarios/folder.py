@@ -281,10 +281,16 @@ def with_scenario(
     that the default traffic is ``calm``.
 
     Raises:
-        ConfigError: the road is open, and ``traffic``, the kind that the user names, has them.
+        ConfigError: ``name_or_path`` is neither a text nor a Path; or the road is open, and
+            ``traffic``, the kind that the user names, has them.
     """
     if name_or_path is None:
         name_or_path = config.simulation.scenario
+    if not isinstance(name_or_path, str | Path):
+        raise ConfigError(
+            f"scenario is of the type {type(name_or_path).__name__}, but must be a folder or the "
+            "name of a shipped scenario; settings are the argument config."
+        )
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
     scenario = str(Path(name_or_path).absolute() if is_folder else name_or_path)

@@ -372,3 +372,24 @@ def test_a_number_of_copies_that_cannot_be_is_refused(given: Any, message: str) 
     worlds.reset(seed=1)
     with pytest.raises(ConfigError, match=message):
         worlds.fork(*given)
+
+
+def test_a_copy_whose_episode_is_over_names_the_same_vehicle_while_others_leave() -> None:
+    config = Config().with_traffic("overtaking").updated("safety", check="permit_all")
+    config = config.updated("simulation", world="twin", scenario="straight")
+    env, actions = HighwayEnv(config=config), np.random.default_rng(6)
+    struck = changed = 0
+    for seed in range(2_000_000, 2_000_008):
+        env.reset(seed=seed, options={"vehicles": 6})
+        copies, first = env.fork(64), dict[int, str]()
+        for decision in range(60):
+            if decision % 4 == 0:
+                chosen = actions.choice([1, 3, 2, 7, 11, 6, 10, 5, 9, 0], 64)
+            _, _, terminated, _, info = copies.step(chosen)
+            for row in np.flatnonzero(terminated).tolist():
+                name = info["collided_with"][row]
+                assert name == first.setdefault(row, name)
+            changed += len(copies.kept)
+        struck += len([name for name in first.values() if name])
+    assert struck > 10
+    assert changed > 400

@@ -1,5 +1,8 @@
 """``gymnasium.make_vec``: many episodes at once, each as it would be alone."""
 
+import copy
+import pickle
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,8 +17,10 @@ from drl_av.config.presets import PRESETS
 from drl_av.config.traffic import SINGLE_PRESETS
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, ScenarioError
 from drl_av.random_streams import kind_of_traffic
+from drl_av.scenarios.folder import ScenarioDescription, write_scenario
+from drl_av.scenarios.highways import ExitDescription
 
 
 def first_permitted(info: dict[str, Any]) -> np.ndarray[Any, Any]:
@@ -77,6 +82,124 @@ def test_in_the_mode_same_step_the_last_observation_is_in_the_info() -> None:
     assert info["_final_obs"].all()
     assert not np.array_equal(info["final_obs"][0], seen[0])
     assert not np.array_equal(info["final_obs"][0], start[0])
+
+
+def assert_same_info(ours: dict[str, Any], its: dict[str, Any], present: Any) -> None:
+    """Compare two ``info`` of vector environments, in the worlds in which they are ``present``."""
+    has = {name for name, mask in ours.items() if name.startswith("_") and mask.any()}
+    assert has == {name for name, mask in its.items() if name.startswith("_") and mask.any()}
+    for name in has:
+        assert np.array_equal(ours[name], its[name]), name
+        values, others, mask = ours[name[1:]], its[name[1:]], its[name] & present
+        if isinstance(others, dict):
+            assert_same_info(values, others, mask)
+            continue
+        for row in np.flatnonzero(mask):
+            assert np.array_equal(values[row], others[row]), (name, row)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_the_results_are_those_of_gymnasiums_own_vector_environment(mode: AutoresetMode) -> None:
+    config = Config().updated("simulation", world="twin", decisions_per_episode=3)
+    makers = [lambda: HighwayEnv(config=config, action_mask=True)] * 3
+    its = gymnasium.vector.SyncVectorEnv(makers, autoreset_mode=mode)
+    ours = TwinVectorEnv(3, config=config, autoreset_mode=mode)
+    given: dict[str, Any] = {"seed": 2_000_000, "options": {"vehicles": 10}}
+    (seen, info), (expected, its_info) = ours.reset(**given), its.reset(**given)
+    assert np.array_equal(seen, expected)
+    assert_same_info(info, its_info, np.ones(3, np.bool_))
+    numbers = [info["vehicles"].tolist()]
+    for decision in range(9):
+        if decision == 1:  # the first world begins anew at another time than the others
+            mask = np.array([True, False, False])
+            ours.reset(options={"reset_mask": mask, "vehicles": 2})
+            its.envs[0].reset(options={"vehicles": 2})
+        actions = np.array([1, 0, 2]) if decision != 1 else np.array([0, 0, 2])
+        *found, info = ours.step(actions)
+        *expected, its_info = its.step(actions)
+        for one, other in zip(found, expected, strict=True):
+            assert np.array_equal(one, other)
+        assert_same_info(info, its_info, np.ones(3, np.bool_))
+        numbers.append(info["vehicles"].tolist())
+    assert numbers[0] == [10, 10, 10]
+    assert numbers[2] == [2, 10, 10]
+    assert 10 not in numbers[-1]  # drawn, as the option was of one reset
+
+
+def test_a_refused_reset_changes_nothing() -> None:
+    env, alone = (TwinVectorEnv(2) for _ in range(2))
+    for each in (env, alone):
+        each.reset(seed=2_000_000, options={"vehicles": 10})
+    with pytest.raises(ScenarioError, match="room for 113"):
+        env.reset(seed=3_000_000, options={"vehicles": 500})
+    found, expected = env.step(np.ones(2, np.int64)), alone.step(np.ones(2, np.int64))
+    assert np.array_equal(found[0], expected[0])
+    assert found[4]["seed"].tolist() == [2_000_000, 2_000_001]
+    assert found[4]["vehicles"].tolist() == [10, 10]
+
+
+def test_more_vehicles_than_have_room_are_refused_at_the_first_reset(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "short", ScenarioDescription(circumference_m=100.0))
+    env = TwinVectorEnv(2, scenario=tmp_path / "short")
+    with pytest.raises(ConfigError, match=r"vehicles_max is 30, but this road takes \d+ vehicles"):
+        env.reset(seed=0)
+    env.reset(seed=0, options={"vehicles": 2})
+
+
+def test_an_episode_on_a_long_way_to_the_exit_is_as_long_as_in_the_environment(
+    tmp_path: Path,
+) -> None:
+    write_scenario(tmp_path / "long", ExitDescription(approach_m=4500.0, flow_per_h=300))
+    twin = {"simulation": {"world": "twin"}}
+    alone = gymnasium.make("drl_av/Highway-v0", scenario=tmp_path / "long", config=twin)
+    assert alone.spec is not None
+    assert alone.spec.max_episode_steps == 307
+    env = TwinVectorEnv(1, scenario=tmp_path / "long")
+    env.reset(seed=2_000_000)
+    alone.reset(seed=2_000_000)
+    decisions, over = 0, False
+    while not over:  # it brakes to 20 m/s, and needs more than 200 decisions
+        decisions += 1
+        action = 2 if decisions <= 5 else 0
+        _, _, terminated, over, info = alone.step(action)
+        found = env.step(np.array([action]))
+        assert (found[2][0], found[3][0], found[4]["way"][0]) == (terminated, over, info["way"])
+    assert 200 < decisions < 307
+
+
+def test_make_vec_takes_the_specification_of_an_environment() -> None:
+    made = gymnasium.make("drl_av/Highway-v0", max_episode_steps=2)
+    assert made.spec is not None
+    env = gymnasium.make_vec(made.spec, num_envs=2)
+    env.reset(seed=0)
+    assert not env.step(np.zeros(2, np.int64))[3].any()
+    assert env.step(np.zeros(2, np.int64))[3].all()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"render_mode": "rgb_array"}, "leave render_mode and sumo_options out"),
+        ({"sumo_options": "--fcd-output fcd.xml"}, "leave render_mode and sumo_options out"),
+        ({"max_episode_steps": 0}, "max_episode_steps is 0"),
+        ({"safety_check": 3}, "safety_check is 3, but the twin has the named checks only"),
+        ({"scenario": {"lanes": 2}}, "scenario is of the type dict"),
+    ],
+)
+def test_an_argument_that_make_vec_cannot_take_is_refused(given: Any, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        TwinVectorEnv(2, **given)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_copy_of_the_worlds_goes_on_as_they_do(threads: int) -> None:
+    env = TwinVectorEnv(4, threads=threads)
+    env.reset(seed=2_000_000)
+    for made in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        assert made._chunks == env._chunks
+        its = made.step(np.ones(4, np.int64))[0]
+        assert np.array_equal(its, copy.deepcopy(env).step(np.ones(4, np.int64))[0])
+        made.close()
 
 
 def test_without_autoreset_a_mask_chooses_the_worlds_to_reset() -> None:
