@@ -166,9 +166,9 @@ class AttachedEgo:
         observation = observation_function(self._groups, scale)(scene)
         proposed = self._driver.act(scene, observation)
         verdict = apply_check(self._check, scene, proposed)
-        commands, self._lane_change = plan(scene, verdict.action, config.ego, config.simulation)
+        planned = plan(scene, verdict.action, config.ego, config.simulation)
+        self._commands, self._lane_change = planned
         self.scene, self._planned_m = scene, affordances.ego_y_m
-        self._commands = self._within_limit(commands, affordances.ego_speed_m_s)
         instead = f" instead of {proposed} ({verdict.rule})" if verdict.rule else ""
         return {
             "proposed_action": proposed.number,
@@ -190,13 +190,3 @@ class AttachedEgo:
         left_m = change.target * road.lane_width_m - self._planned_m
         target = round((float(shot.y_m[EGO]) + left_m) / road.lane_width_m)
         return change._replace(origin=target - change.sign, target=target)
-
-    def _within_limit(self, commands: list[Command], speed_m_s: float) -> list[Command]:
-        """Return the commands within the speed limit, to which the ego brakes gently."""
-        limit_m_s = self._around.speed_limit_m_s
-        lost_m_s = self._config.ego.brake_m_s2 * self._config.simulation.step_length_s
-        within = []
-        for number, command in enumerate(commands, start=1):
-            most = max(limit_m_s, speed_m_s - number * lost_m_s)
-            within.append(command._replace(speed_m_s=min(command.speed_m_s, most)))
-        return within

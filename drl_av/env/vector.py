@@ -138,10 +138,10 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         require_numbers(num_envs=(num_envs, 1, None), threads=(threads, 1, None))
         self._masked, self._threads = action_mask, threads
         self._is_fork = self._begun = False
-        self._most_decisions = most_decisions(config, self._scenario.layout)
+        self.most_decisions = most_decisions(config, self._scenario.layout)
         if max_episode_steps is not None:
             require_numbers(max_episode_steps=(max_episode_steps, 1, None))
-            self._most_decisions = min(self._most_decisions, max_episode_steps)
+            self.most_decisions = min(self.most_decisions, int(max_episode_steps))
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
         self._make_arrays(config.traffic.vehicles_max + 1, FIRST_EVENTS)
 
@@ -224,7 +224,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self._decide(rows, proposed)
         goes_on = ~begins | self._is_fork
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
-        late = self.episodes.decisions >= self._most_decisions
+        late = self.episodes.decisions >= self.most_decisions
         truncated = (late | (self.episodes.scene[:, 0, 0] >= self.road.end_m)) & goes_on
         r_v, r_y, r_x = self.episodes.terms.T
         rewards = (r_v + r_y + r_x) / 3

@@ -184,7 +184,7 @@ class TwinWorlds(VecEnv):
         self._action, self._pool = np.zeros(count, np.int64), ThreadPoolExecutor(2)
         rng = np.random.default_rng(seed)
         for part in self.parts:
-            most = config.simulation.decisions_per_episode
+            most = part.env.most_decisions
             begins = rng.integers(0, most, part.env.num_envs)
             for decision in range(most):
                 _, hit, late = part.step(np.zeros(part.env.num_envs, np.int64))

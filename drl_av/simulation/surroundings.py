@@ -10,7 +10,7 @@ import numpy as np
 
 from drl_av.config import EgoConfig
 from drl_av.errors import SimulationError
-from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road, SpeedLimit
 from drl_av.road.snapshot import Snapshot
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 from drl_av.simulation.vehicle_calls import getters, take_control
@@ -99,11 +99,6 @@ class Surroundings:
         self._sumo.vehicle.setSpeed(self._name, speed_m_s)
         if aside_m:
             self._sumo.vehicle.changeSublane(self._name, aside_m)
-
-    @property
-    def speed_limit_m_s(self) -> float:
-        """The highest speed that SUMO's road and type allow the vehicle here."""
-        return float(self._sumo.vehicle.getAllowedSpeed(self._name))
 
     def vehicle_types(self, ego: EgoConfig) -> VehicleTypes:
         """Return the limits of SUMO's vehicle types, and of the vehicle after ``take_control``.
@@ -272,7 +267,19 @@ class Surroundings:
             if end_m < math.inf or from_m > ORIGIN_M or begin_m < from_m:
                 parts.append(PartialLane(index, begin_m, end_m, from_m, end_m))
         lanes = tuple(index not in self._closed for index in range(max(begins_m) + 1))
-        return Road(OPEN_LAP_M, self.lane_width_m, lanes, OPEN_LAP_M, tuple(parts))
+        limits = self._speed_limits(len(lanes))
+        return Road(
+            OPEN_LAP_M, self.lane_width_m, lanes, OPEN_LAP_M, tuple(parts), speed_limits=limits
+        )
+
+    def _speed_limits(self, lanes: int) -> tuple[tuple[SpeedLimit, ...], ...]:
+        """Return what SUMO allows the vehicle on each strip, by lane and in driving order."""
+        factor = float(self._sumo.vehicle.getSpeedFactor(self._name))
+        found = [list[SpeedLimit]() for _ in range(lanes)]
+        for name, (index, begin_m) in self._strips.items():
+            allowed_m_s = factor * float(self._sumo.lane.getMaxSpeed(name))
+            found[index].append(SpeedLimit(begin_m, begin_m + self._length_m[name], allowed_m_s))
+        return tuple(tuple(sorted(limits)) for limits in found)
 
 
 def _edge_of(lane: str) -> str:

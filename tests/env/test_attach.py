@@ -2,6 +2,7 @@
 
 import subprocess
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -161,19 +162,20 @@ def test_it_says_what_it_does_and_why_once_a_second(net: Path, sumo: ModuleType)
     assert ego.step() is not None
 
 
-def test_it_brakes_to_the_limit_of_the_edge_and_goes_when_the_vehicle_has_arrived(
+def test_it_enters_an_edge_within_its_limit_and_goes_when_the_vehicle_has_arrived(
     net: Path, sumo: ModuleType
 ) -> None:
-    begin(net, car("ego", 2, 560, 30))
+    begin(net, car("ego", 2, 460, 30))
     ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
-    speeds = {}
+    speeds, fastest_on = [], 0.0
     while "ego" in sumo.vehicle.getIDList():
         ego.step()
-        speeds[sumo.simulation.getTime()] = sumo.vehicle.getSpeed("ego")
+        speeds.append(sumo.vehicle.getSpeed("ego"))
+        if sumo.vehicle.getRoadID("ego") == "on":  # its limit is 25 m/s
+            fastest_on = max(fastest_on, speeds[-1])
         sumo.simulationStep()
-    assert min(speeds.values()) == pytest.approx(25.0)  # the limit of "on"
-    drops = [a - b for a, b in zip(list(speeds.values()), list(speeds.values())[1:], strict=False)]
-    assert max(drops) == pytest.approx(1.0)  # 2 m/s^2 for 0.5 s
+    assert 24.0 < fastest_on <= 25.0 + 1e-6
+    assert 0.9 < max(a - b for a, b in pairwise(speeds)) <= 1.0 + 1e-6  # 2 m/s^2 for 0.5 s
     assert ego.step() is None
 
 
