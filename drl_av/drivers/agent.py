@@ -25,6 +25,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.errors import CheckpointError, DrlAvWarning, needed_by
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
@@ -275,6 +276,8 @@ def _require_spaces(path: Path, observes: Any, acts: Any, observed: int) -> None
             f"these are {frames} stacked observations, so give a factory module:function whose "
             f"driver stacks the last {frames}"
         )
+    elif spaces == ((WIDE_SIZE,), len(ACTIONS)):
+        remedy = f'drive with observation="wide", as in its training, or {remedy}'
     elif spaces[1] == len(ACTIONS):
         remedy = f"set observation.way as in its training, or {remedy}"
     raise CheckpointError(

@@ -3,6 +3,7 @@
 ``infer_action`` finds the action that explains two scenes of an ego that SUMO drives.
 """
 
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,9 +91,23 @@ class Scene:
             lane_change: The ego's lane change in progress.
 
         Raises:
-            ConfigError: the arrays do not fit together, a value is not finite, or the ego is in
-                none of the lanes.
+            ConfigError: the arrays do not fit together, a value is not finite, a body has no size,
+                there are no such lanes, or the ego is in none of them.
         """
+        is_road = isinstance(lanes, Integral) and lanes >= 1 and 0.0 < lane_width_m < OPEN_LAP_M
+        if not is_road:
+            raise ConfigError(
+                f"A road of {lanes!r} lanes of {lane_width_m!r} m cannot be: give lanes a whole "
+                "number from 1 on, and lane_width_m metres."
+            )
+        if lane_change is not None and not (
+            abs(lane_change.target - lane_change.origin) == 1
+            and 0 <= min(lane_change[:2]) <= max(lane_change[:2]) < lanes
+        ):
+            raise ConfigError(
+                f"lane_change is from lane {lane_change.origin} to {lane_change.target}, but must "
+                f"be to the next one, and the lanes are 0 to {lanes - 1}."
+            )
         given = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
         try:
             together = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in given))
@@ -102,12 +117,17 @@ class Scene:
                 "the ego first, or one number."
             ) from error
         arrays = np.array(together)
-        if arrays[0].ndim != 1 or not np.isfinite(arrays).all():
+        if arrays[0].ndim != 1 or not arrays.size or not np.isfinite(arrays).all():
             raise ConfigError(
                 f"The arrays of a scene have shape {arrays[0].shape}, or hold nan or inf: give "
                 "each shape (1 + N,), the ego first, and finite numbers."
             )
-        road = Road(OPEN_LAP_M, lane_width_m, (True,) * lanes, end_m=OPEN_LAP_M)
+        if arrays[4:].min() <= 0.0:
+            raise ConfigError(
+                f"A body is {arrays[4].min():g} m long or {arrays[5].min():g} m wide: give "
+                "length_m and width_m above 0."
+            )
+        road = Road(OPEN_LAP_M, float(lane_width_m), (True,) * int(lanes), end_m=OPEN_LAP_M)
         if not road.is_open(road.lane_of(arrays[1][EGO])):
             raise ConfigError(
                 f"The ego is at y_m = {arrays[1][EGO]:g}, but the centres of the {lanes} lanes are "

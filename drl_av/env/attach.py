@@ -53,6 +53,11 @@ def attach(
             driver is SUMO itself or no driver, or an assumption of ``strict`` does not hold here.
         SimulationError: there is no such vehicle, or its lanes differ in width.
     """
+    if not hasattr(connection, "simulation"):
+        raise ConfigError(
+            f"connection is {connection!r}, but must be the module libsumo or traci, or a "
+            "connection of traci, in which SUMO runs."
+        )
     step_s = float(connection.simulation.getDeltaT())
     resolution_m = float(connection.simulation.getOption("lateral-resolution"))
     if resolution_m <= 0.0:
@@ -73,11 +78,11 @@ def attach(
     if isinstance(safety_check, str):
         settings = settings.updated("safety", check=safety_check)
     around = Surroundings(connection, vehicle, settings.observation.range_m)
-    if callable(safety_check):
-        require_function(safety_check, "safety_check", "scene", "proposed")
-        check: SafetyCheck = safety_check
+    if safety_check is None or isinstance(safety_check, str):
+        check: SafetyCheck = _named_check(around, settings)
     else:
-        check = _named_check(around, settings)
+        require_function(safety_check, "safety_check", "scene", "proposed")
+        check = safety_check
     if isinstance(driver, str | Path):
         [driver] = make_drivers(specs, settings, check).values()
     if isinstance(driver, SumoDriver):

@@ -199,7 +199,7 @@ def observation_function(
         ConfigError: ``given`` does not name known groups of indicators, and is not a function of a
             scene with an attribute ``space`` either.
     """
-    if given == WIDE:
+    if isinstance(given, str) and given == WIDE:
         return WideObservation(scale)
     if isinstance(given, str):
         return GroupObservation([given], scale)

@@ -15,7 +15,7 @@ import numpy as np
 from drl_av.errors import DrlAvError
 from drl_av.road.road import FloatArray
 
-Strata = Sequence[FloatArray]
+Strata = Sequence[FloatArray] | FloatArray
 RESAMPLES = 2000
 """Number of resamples of a bootstrap; rliable uses as many for its performance profiles."""
 SEED = 0
@@ -118,5 +118,5 @@ def _estimate(value: float, resampled: FloatArray, strata: Strata) -> Estimate:
 
 def _require_scores(*all_strata: Strata) -> None:
     for strata in all_strata:
-        if not strata or not all(len(scores) for scores in strata):
+        if not len(strata) or not all(len(scores) for scores in strata):
             raise DrlAvError("A number of vehicles has no scores: drive at least one episode.")

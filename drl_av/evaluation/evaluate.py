@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from contextlib import closing
+from dataclasses import asdict
 from html import escape
 from numbers import Integral
 from pathlib import Path
@@ -44,7 +45,11 @@ class Results(list[EpisodeResult]):
         Raises:
             DrlAvError: pandas is not installed.
         """
-        return import_pandas("to_pandas").DataFrame([row.cells() for row in self])
+        names = {name for row in self for name in row.cells()}
+        rows = [
+            {name: value for name, value in asdict(row).items() if name in names} for row in self
+        ]
+        return import_pandas("to_pandas").DataFrame(rows)
 
     def _repr_html_(self) -> str:
         """Return the statistics of each driver, check and number of vehicles as an HTML table."""

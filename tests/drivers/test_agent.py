@@ -252,6 +252,15 @@ def test_an_agent_of_normalized_observations_without_statistics_is_refused(tmp_p
         loaded(tmp_path / "a.zip")
 
 
+def test_an_agent_of_the_wide_observation_is_told_to_drive_with_it(tmp_path: Path) -> None:
+    env = HighwayEnv(observation="wide")
+    PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
+    with pytest.raises(
+        CheckpointError, match=r'shape \(132,\) .*: drive with observation="wide", as'
+    ):
+        loaded(tmp_path / "a.zip")
+
+
 def test_stacked_frames_have_a_remedy_that_helps(tmp_path: Path) -> None:
     trained(lambda e: VecFrameStack(DummyVecEnv([lambda: e]), 4), tmp_path / "a.zip")
     with pytest.raises(CheckpointError) as error:

@@ -259,6 +259,14 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     assert "\n" not in str(error.value)
 
 
+def test_a_connection_or_a_check_that_is_none_is_refused(net: Path, sumo: ModuleType) -> None:
+    with pytest.raises(ConfigError, match="connection is 'sumo', but must be the module libsumo"):
+        drl_av.attach("sumo", "ego", Keeps())
+    begin(net, car("ego", 2, 100))
+    with pytest.raises(ConfigError, match="safety_check is 5, but must be a function of"):
+        drl_av.attach(sumo, "ego", Keeps(), 5)  # type: ignore[arg-type]
+
+
 def test_strict_is_refused_where_the_route_has_a_light_and_paper_drives(
     tmp_path: Path, sumo: ModuleType
 ) -> None:

@@ -90,6 +90,13 @@ def test_groups_are_taken_in_the_order_of_their_names() -> None:
     assert found[:5] == pytest.approx(expected)
 
 
+def test_the_names_of_groups_may_be_an_array() -> None:
+    names = ["ego", "own_front"]
+    with closing(HighwayEnv(observation=np.array(names))) as env:
+        start(env, 2)
+        assert np.array_equal(env.observation, GroupObservation(names, env.scale)(env.scene))
+
+
 def test_lanes_and_lane_change_are_indicators_too() -> None:
     observe = GroupObservation(("lanes", "lane_change"), SCALE)
     assert observe.names == ("right_lane", "left_lane", "lane_change")

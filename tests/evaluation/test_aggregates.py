@@ -68,6 +68,12 @@ def test_scores_that_cannot_be_compared_are_refused_in_one_sentence() -> None:
             interquartile_mean(empty)
 
 
+def test_the_scores_may_be_one_array() -> None:
+    scores = np.arange(8.0).reshape(2, 4)
+    assert interquartile_mean(scores) == interquartile_mean([*scores])
+    assert probability_of_improvement(scores, scores).value == 0.5
+
+
 def test_values_and_intervals_are_those_of_rliable() -> None:
     pytest.importorskip("rliable", reason="the extra dev has rliable")
     from rliable import library, metrics

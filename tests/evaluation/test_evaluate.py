@@ -195,6 +195,14 @@ def test_results_are_a_data_frame_and_a_table_in_a_notebook() -> None:
     assert "&lt;b&gt;" in named._repr_html_()
 
 
+def test_a_data_frame_says_of_each_row_in_which_world_it_was_driven() -> None:
+    rows = drl_av.evaluate("idm", vehicles=1, episodes=1, config=SHORT)
+    twin = {"simulation": {**SHORT["simulation"], "world": "twin"}}
+    rows += drl_av.evaluate("idm", vehicles=1, episodes=1, config=twin)
+    frame = rows.to_pandas()
+    assert frame.groupby("world").size().to_dict() == {"sumo": 1, "twin": 1}
+
+
 def test_the_package_shows_its_public_names_and_nothing_else() -> None:
     assert dir(drl_av) == sorted([*drl_av.__all__, "__version__"])
     assert all(callable(getattr(drl_av, name)) for name in drl_av.__all__)

@@ -1,5 +1,6 @@
 """The checks on plain arrays: the scene of a user's own simulator."""
 
+import math
 from contextlib import closing
 from typing import Any
 
@@ -130,6 +131,14 @@ def test_the_arrays_of_an_episode_in_sumo_give_the_verdicts_of_the_environment()
         ({"y_m": [-4.0, 0.0]}, "The ego is at y_m = -4, but .* lanes are at 0 to 7.6, left pos"),
         ({"lanes": 1}, "The ego is at y_m = 3.8, but .* 1 lanes are at 0 to 0"),
         ({"s_m": ["here", 50.0]}, "do not fit together .*could not convert"),
+        ({"s_m": [], "y_m": [], "speed_m_s": []}, r"shape \(0,\)"),
+        ({"length_m": [5.0, -50.0]}, "A body is -50 m long"),
+        ({"width_m": 0.0}, "or 0 m wide"),
+        ({"lane_width_m": -3.8}, "3 lanes of -3.8 m cannot be"),
+        ({"lane_width_m": math.nan}, "3 lanes of nan m cannot be"),
+        ({"lanes": 2.5}, "2.5 lanes of 3.8 m cannot be"),
+        ({"lane_change": LaneChange(0, 7)}, "from lane 0 to 7, but must be to the next one"),
+        ({"lane_change": LaneChange(2, 3)}, "the lanes are 0 to 2"),
     ],
 )
 def test_arrays_that_are_no_scene_are_refused(wrong: dict[str, Any], reason: str) -> None:
