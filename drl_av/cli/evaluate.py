@@ -210,7 +210,8 @@ def evaluate(options: argparse.Namespace) -> int:
 
 def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
     """Open the table of an evaluation; its rows are in the order in which they are driven."""
-    from drl_av.evaluation.table import Inputs, ResultTable, checksums, custom_inputs
+    from drl_av.env.custom import custom_inputs
+    from drl_av.evaluation.table import Inputs, ResultTable, checksums
 
     ranks = [
         list(dict.fromkeys(each))

@@ -319,7 +319,7 @@ def _normalization(
         )
     if by_library:
         return _vec_normalize(path, observes.shape)
-    if file := _statistics(path):
+    if file := statistics_file(path):
         warnings.warn(
             f"{path} was not trained with VecNormalize, so it observes raw values; the statistics "
             f"in {file} are not used.",
@@ -344,7 +344,7 @@ def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any) -> b
     return bool(((seen >= low) & (seen <= observes.high + 1e-4)).all())
 
 
-def _statistics(path: Path) -> Path | None:
+def statistics_file(path: Path) -> Path | None:
     """Return the file with the statistics of VecNormalize beside an agent's file, or None."""
     steps = re.fullmatch(r"(.+)_(\d+_steps)", path.stem)  # of a CheckpointCallback
     named = [path.with_name(f"{steps[1]}_vecnormalize_{steps[2]}.pkl")] if steps else []
@@ -354,7 +354,7 @@ def _statistics(path: Path) -> Path | None:
 
 def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:
     """Read the statistics of VecNormalize beside an agent's file; return the normalization."""
-    file = _statistics(path)
+    file = statistics_file(path)
     if file is None:
         raise CheckpointError(
             f"{path} was trained with VecNormalize, whose statistics are not in it: put them "

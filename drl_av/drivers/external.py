@@ -3,12 +3,13 @@
 The source is a user's Python function, the zip file of a stable-baselines3 agent or an ONNX file.
 """
 
+import glob
 from collections.abc import Callable
 from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.config.functions import import_function, require_function
-from drl_av.drivers.agent import driver_of_agent
+from drl_av.drivers.agent import driver_of_agent, statistics_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.onnx import OnnxDriver
 from drl_av.errors import ConfigError
@@ -58,3 +59,14 @@ LOADERS: dict[str, Callable[[Path, int, Callable[[], SafetyCheck]], Driver]] = {
 
 Its arguments are those of ``driver_of_agent``.
 """
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the files of which an external driver consists, that of its name first.
+
+    An agent may have statistics of VecNormalize, a network in ONNX data in files beside it, whose
+    names begin with its own.
+    """
+    beside = sorted(path.parent.glob(f"{glob.escape(path.name)}[._]*"))
+    statistics = statistics_file(path) if path.suffix == ".zip" else None
+    return [path, *(beside if path.suffix == ".onnx" else ()), *filter(None, [statistics])]

@@ -12,10 +12,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config import Config
-from drl_av.config.functions import import_function, is_factory, require_function
+from drl_av.config.functions import (
+    import_function,
+    is_factory,
+    require_function,
+    source_digest,
+)
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
+from drl_av.files import files_digest
 from drl_av.safety.check import SafetyCheck
+from drl_av.scenarios.folder import find_scenario
 from drl_av.simulation.start_sumo import option_words
 
 
@@ -38,6 +45,19 @@ class CustomParts(NamedTuple):
         if self.sumo_options:
             words["sumo_options"] = shlex.join(option_words(self.sumo_options))
         return words
+
+
+def custom_inputs(config: Config, custom: CustomParts) -> dict[str, str]:
+    """Return what episodes rest on besides settings and drivers, by name; "" for nothing.
+
+    It is the SHA-256 of the scenario's files, and each argument of the user, a function
+    ``module:name`` with the SHA-256 of its module.
+    """
+    found = {"scenario": files_digest(find_scenario(config.simulation.scenario))}
+    found |= dict.fromkeys(custom._fields, "")
+    for name, word in custom.words().items():
+        found[name] = f"{word} {source_digest(word)}" if is_factory(word) else word
+    return found
 
 
 def _word(part: Any) -> str:

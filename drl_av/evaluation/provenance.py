@@ -3,7 +3,6 @@
 The description of a table of results is a JSON file beside it.
 """
 
-import hashlib
 import json
 import os
 import platform
@@ -93,16 +92,6 @@ def checksum(policy: Path) -> str:
     """
     tensors, _ = policy_file.load(policy)
     return policy_file.checksum(tensors, "")
-
-
-def files_digest(path: Path) -> str:
-    """Return the SHA-256 of a file, or of all files below a folder with their names."""
-    if path.is_file():
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    digest = hashlib.sha256()
-    for file in sorted(each for each in path.rglob("*") if each.is_file()):
-        digest.update(f"{file.relative_to(path)} {files_digest(file)}\n".encode())
-    return digest.hexdigest()
 
 
 def machine() -> str:

@@ -10,14 +10,13 @@ import tomli_w
 
 from drl_av.config import Config, from_toml
 from drl_av.config.functions import is_factory, source_digest
+from drl_av.drivers.external import files_of
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import DriverSpec
-from drl_av.env.custom import CustomParts
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.provenance import (
     checksum,
-    files_digest,
     provenance,
     read_provenance,
     sidecar,
@@ -29,13 +28,14 @@ from drl_av.files import (
     PlainNumber,
     Row,
     column_types,
+    files_digest,
+    hold,
     make_folder,
     parse_cell,
     read_table,
     require_writable,
     write_table,
 )
-from drl_av.scenarios.folder import find_scenario
 
 TYPES: Mapping[str, Any] = {
     name: PlainNumber if kind in (int, float) else kind
@@ -80,32 +80,19 @@ class Inputs(NamedTuple):
 def checksums(specs: Iterable[DriverSpec]) -> dict[str, str]:
     """Return the SHA-256 of each driver that comes from a file, by its name.
 
-    It is that of the weights of a driver that this package trained, of any other file as it is,
+    It is that of the weights of a driver that this package trained, of each file of any other one,
     and of the module of a user's factory.
 
     Raises RunError or CheckpointError if a learned driver cannot be read.
     """
     found = dict[str, str]()
     for each in specs:
-        if each.run:
-            found[each.name] = (
-                files_digest(each.run) if each.is_external else checksum(find_policy(each.run))
-            )
+        if each.run and each.is_external:
+            found[each.name] = " ".join(map(files_digest, files_of(each.run)))
+        elif each.run:
+            found[each.name] = checksum(find_policy(each.run))
         elif each.own is None and is_factory(word := each.name.partition("@")[0]):
             found[each.name] = source_digest(word)
-    return found
-
-
-def custom_inputs(config: Config, custom: CustomParts) -> dict[str, str]:
-    """Return what rows rest on besides settings and drivers, by name; "" where there is nothing.
-
-    It is the SHA-256 of the scenario's files, and each argument of the user, a function
-    ``module:name`` with the SHA-256 of its module.
-    """
-    found = {"scenario": files_digest(find_scenario(config.simulation.scenario))}
-    found |= dict.fromkeys(custom._fields, "")
-    for name, word in custom.words().items():
-        found[name] = f"{word} {source_digest(word)}" if is_factory(word) else word
     return found
 
 
@@ -121,8 +108,8 @@ class ResultTable:
         beside: The JSON file with the provenance; by default NAME.json beside NAME.csv.
 
     Raises:
-        DrlAvError: the table was made with other settings or another driver, is damaged, or cannot
-            be written.
+        DrlAvError: the table was made with other settings or another driver, is damaged, cannot
+            be written, or another process writes to it.
     """
 
     def __init__(
@@ -136,6 +123,7 @@ class ResultTable:
         self.path, self.beside, self._place = path, beside or sidecar(path), place
         make_folder(path.parent, "--out")
         require_writable(path, self.beside)
+        hold(path)
         self._rows: dict[tuple[Any, ...], Row] = {}
         with report_corrupt_table(path):
             facts = read_provenance(self.beside, path)

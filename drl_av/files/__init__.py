@@ -1,12 +1,14 @@
 """Functions that write files atomically, and that read and write CSV tables."""
 
 from drl_av.files.atomic import (
+    files_digest,
     make_folder,
     replacing,
     require_suffix,
     require_writable,
     write_atomic,
 )
+from drl_av.files.locks import hold, locked
 from drl_av.files.table import (
     LARGEST,
     SHOWN,
@@ -29,6 +31,9 @@ __all__ = [
     "Row",
     "append_rows",
     "column_types",
+    "files_digest",
+    "hold",
+    "locked",
     "make_folder",
     "parse_cell",
     "read_table",

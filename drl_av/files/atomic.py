@@ -1,7 +1,8 @@
-"""Atomic writing: a file or folder is replaced completely, or it stays unchanged."""
+"""Atomic writing: a file or folder is replaced completely, or it stays unchanged; and hashes."""
 
 import contextlib
 import glob
+import hashlib
 import os
 import re
 import secrets
@@ -227,3 +228,13 @@ def _refused(path: Path, refusal: OSError, error: type[DrlAvError]) -> DrlAvErro
         f"{path} cannot be written ({refusal.strerror or refusal}): free some space, or choose a "
         "folder that exists and may be written to; what was there before is unchanged."
     )
+
+
+def files_digest(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files below a folder with their names."""
+    if path.is_file():
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = hashlib.sha256()
+    for file in sorted(each for each in path.rglob("*") if each.is_file()):
+        digest.update(f"{file.relative_to(path)} {files_digest(file)}\n".encode())
+    return digest.hexdigest()

@@ -30,8 +30,9 @@ from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEAD
 from drl_av.env.route_outcome import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
-from drl_av.errors import ConfigError, DrlAvError, RunError
-from drl_av.files import append_rows, table_bytes
+from drl_av.errors import ConfigError, DrlAvError
+from drl_av.files import append_rows, locked, table_bytes
+from drl_av.learning.run_folder import refusals_to_make, require_new
 from drl_av.twin.worlds import IntArray
 
 try:
@@ -285,7 +286,7 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
         ConfigError: ``simulation.world`` is not the twin, the twin cannot do what the settings ask,
             ``observation.way`` is missing on a road whose lanes end or leave, or the numbers of
             ``ppo`` do not fit each other.
-        RunError: the folder exists and is not empty, or cannot be made.
+        RunError: the folder is not new or cannot be made, or another process trains in it.
         CheckpointError: the policy cannot be written.
     """
     if config.simulation.world != "twin":
@@ -297,32 +298,29 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
             "the preset large-merge does."
         )
     _require_settings(config)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise RunError(f"{folder} exists already: choose another folder with --out.")
+    require_new(folder)
     settings, worlds = config.ppo, TwinWorlds(config, config.learning.seed)
     learner, table = learner_of(config, worlds), folder / "updates.csv"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "config.toml").write_text(annotated_toml(config), encoding="utf-8")
-        table.write_bytes(table_bytes(Progress))
-    except OSError as error:
-        raise RunError(
-            f"The run folder {folder} cannot be made ({error.strerror}): choose another folder "
-            "with --out."
-        ) from error
     updates, policy = settings.decisions // settings.batch_size, folder / "policy.safetensors"
-    try:
-        for update in range(1, updates + 1):
-            paid = worlds.paid
-            learner.learn(settings.batch_size, reset_num_timesteps=False)
-            mean_reward = (worlds.paid - paid) / settings.batch_size
-            progress = Progress(learner.num_timesteps, mean_reward, worlds.collisions)
-            append_rows(table, Progress, [progress])
-            if update * SAVES % updates < SAVES:
-                save_actor(policy, learner, config)
-            yield progress
-    finally:
-        save_actor(policy, learner, config)
+    with refusals_to_make(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder):
+        require_new(folder)  # another training may have begun here since
+        with refusals_to_make(folder):
+            (folder / "config.toml").write_text(annotated_toml(config), encoding="utf-8")
+            table.write_bytes(table_bytes(Progress))
+        try:
+            for update in range(1, updates + 1):
+                paid = worlds.paid
+                learner.learn(settings.batch_size, reset_num_timesteps=False)
+                mean_reward = (worlds.paid - paid) / settings.batch_size
+                progress = Progress(learner.num_timesteps, mean_reward, worlds.collisions)
+                append_rows(table, Progress, [progress])
+                if update * SAVES % updates < SAVES:
+                    save_actor(policy, learner, config)
+                yield progress
+        finally:
+            save_actor(policy, learner, config)
 
 
 def _require_settings(config: Config) -> None:

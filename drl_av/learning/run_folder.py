@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -12,10 +13,10 @@ from typing import NamedTuple
 from drl_av.config import Config, PpoConfig, from_toml, load_config
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.policy_file import load, load_policy, save, save_policy
-from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, custom_inputs
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
-from drl_av.files import replacing, table_bytes
+from drl_av.files import locked, replacing, table_bytes
 from drl_av.learning.algorithm_1 import (
     EpisodeRow,
     EvaluationRow,
@@ -41,6 +42,7 @@ class Run:
 
     def __init__(self, folder: Path, custom: CustomParts = NOTHING_CUSTOM) -> None:
         self.folder, self._custom = folder, custom
+        self._parts = dict[str, str]()
         self.config_file = folder / "config.toml"
         self.episodes_file = folder / "episodes.csv"
         self.evaluations_file = folder / "evaluations.csv"
@@ -54,21 +56,14 @@ class Run:
             RunError: the folder exists and is not empty, or cannot be created.
             CheckpointError: the checkpoint cannot be written.
         """
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise RunError(
-                f"{self.folder} exists already: continue it with --resume, "
-                "or choose another folder with --out."
-            )
-        try:
+        self._parts = custom_inputs(training.config, self._custom)
+        require_new(self.folder, "continue it with --resume, or ")
+        with refusals_to_make(self.folder):
             self.folder.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunError(
-                f"The run folder {self.folder} cannot be made ({error.strerror}): "
-                "choose another folder with --out."
-            ) from error
         with replacing(self.folder, RunError) as folder:
             folder.mkdir()
             new = Run(folder, self._custom)
+            new._parts = self._parts
             new.config_file.write_text(annotated_toml(training.config), encoding="utf-8")
             new.episodes_file.write_bytes(table_bytes(EpisodeRow))
             new.evaluations_file.write_bytes(table_bytes(EvaluationRow))
@@ -82,26 +77,6 @@ class Run:
         if not self.config_file.is_file():
             raise RunError(f"{self.folder} is not a run: it has no config.toml; check the path.")
         return load_config(self.config_file)
-
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Lock the folder against other trainings; raises RunError if another one has locked it."""
-        if os.name != "posix":
-            yield
-            return
-        import fcntl
-
-        descriptor = os.open(self.folder, os.O_RDONLY)
-        try:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise RunError(
-                    f"Another training is writing to {self.folder}: wait for it, or stop it first."
-                ) from error
-            yield
-        finally:
-            os.close(descriptor)
 
     def restore(self, training: Training) -> None:
         """Restore a new training from the checkpoint.
@@ -127,7 +102,7 @@ class Run:
                 f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
                 "put back the config.toml of that training, or begin a new run."
             )
-        self._require_parts(numbers.get("custom", {}))
+        self._require_parts(numbers.get("custom", {}), training.config)
         tables = self.episodes_file.name, self.evaluations_file.name
         try:
             training.restore(tensors, numbers)
@@ -149,19 +124,25 @@ class Run:
                 with _refusals_of(file):
                     os.truncate(file, size)
 
-    def _require_parts(self, begun: Mapping[str, str]) -> None:
-        """Raise RunError unless the user's own parts are those with which the training began."""
-        now = self._custom.words()
-        for name in sorted(begun.keys() | now.keys()):
-            if begun.get(name) != now.get(name):
-                option = "--" + name.replace("_", "-")
+    def _require_parts(self, begun: Mapping[str, str], config: Config) -> None:
+        """Raise RunError unless scenario and user's parts are those of the training's beginning."""
+        self._parts = custom_inputs(config, self._custom)
+        for name, now in self._parts.items():
+            was, option = begun.get(name, ""), "--" + name.replace("_", "-")
+            if was == now:
+                continue
+            word, now_word = (re.sub(" [0-9a-f]{64}$", "", each) for each in (was, now))
+            if name == "scenario":
+                reason = f"other files of the scenario {config.simulation.scenario}: put them back"
+            elif not was:
                 raise RunError(
-                    f"{self.folder} was begun with {option} {begun[name]}: give it again, or "
-                    "begin a new run."
-                    if name in begun
-                    else f"{self.folder} was begun without {option}: leave it out, or begin a new "
-                    "run."
+                    f"{self.folder} was begun without {option}: leave it out, or begin a new run."
                 )
+            elif word == now_word:
+                reason = f"another module of {option} {word}: put it back"
+            else:
+                reason = f"{option} {word}: give it again"
+            raise RunError(f"{self.folder} was begun with {reason}, or begin a new run.")
 
     def _require_rows(self, file: Path, size: int, episodes: int) -> None:
         """Raise CheckpointError unless the first ``size`` bytes of a table are whole rows."""
@@ -200,14 +181,31 @@ class Run:
                 sizes[file.name] = stream.tell()
         tensors, numbers = training.state()
         numbers |= {"kind": "training", "config": training.config.to_toml(), "sizes": sizes}
-        if words := self._custom.words():
-            numbers["custom"] = words
+        numbers["custom"] = self._parts
         save(self.checkpoint_file, tensors, numbers)
 
     def append(self, file: Path, row: EpisodeRow | EvaluationRow) -> None:
         """Add a row to one of the CSV files; raises RunError if it cannot be written."""
         with _refusals_of(file), file.open("ab") as stream:
             stream.write(table_bytes(type(row), [row], header=False))
+
+
+def require_new(folder: Path, remedy: str = "") -> None:
+    """Raise RunError if a run's folder has files already; ``remedy`` is what else one may do."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise RunError(f"{folder} exists already: {remedy}choose another folder with --out.")
+
+
+@contextmanager
+def refusals_to_make(folder: Path) -> Iterator[None]:
+    """Replace an OSError in the block, which makes a run's folder, by a RunError."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"The run folder {folder} cannot be made ({error.strerror}): choose another folder "
+            "with --out."
+        ) from error
 
 
 def _fits(stored: str, config: Config) -> bool:
@@ -262,7 +260,7 @@ def open_training(
             run.create(training)
             if prepare:
                 run.save(training)
-        with run.locked():
+        with locked(folder):
             run.restore(training)
             yield run, training
 
@@ -284,7 +282,9 @@ def train(run: Run, training: Training) -> Iterator[Progress]:
         if training.episodes_done % config.checkpoint_every == 0 or last:
             run.save(training)
         yield Progress(row, evaluation)
-    if not run.policy_file.exists():
+    try:
+        load_policy(run.policy_file)
+    except CheckpointError:  # it is missing or damaged
         run.save(training)
 
 

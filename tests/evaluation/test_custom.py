@@ -306,6 +306,10 @@ def test_a_training_goes_on_with_the_reward_that_it_began_with(
     }.items():
         assert main(["train", "--out", "run", "--resume", *options]) == 1
         assert message in error_message(capsys)
+    Path(f"{mine}.py").write_text(MODULE + "\n")
+    assert main(shlex.split(again)) == 1
+    assert f"was begun with another module of --reward {mine}:price: put" in error_message(capsys)
+    Path(f"{mine}.py").write_text(MODULE)
     assert main(shlex.split(again)) == 0
     rows = list(csv.DictReader(Path("run/episodes.csv").read_text().splitlines()))
     assert [row["mean_reward"] for row in rows] == ["-0.125"] * 3
@@ -327,7 +331,9 @@ def test_the_reward_of_a_program_is_named_as_another_program_would(mine: str) ->
     assert run.stdout == "{'reward': 'my_program:<lambda>'}\n"
 
 
-@pytest.mark.parametrize("change", ["driver", "module", "scenario", "reward", "sumo options"])
+@pytest.mark.parametrize(
+    "change", ["driver", "its data", "module", "scenario", "reward", "sumo options"]
+)
 def test_a_table_refuses_rows_of_a_changed_file_or_function(
     change: str, mine: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -336,6 +342,7 @@ def test_a_table_refuses_rows_of_a_changed_file_or_function(
     words = ["evaluate", "net.onnx", "--driver", f"{mine}:brakes", "--scenario", "road"]
     words += ["--vehicles", "1", "--episodes", "1", "--config", "short.toml", "--out", "t.csv"]
     words += ["--reward", f"{mine}:price", "--sumo-options=--step-log.period 7"]
+    Path("net.onnx.data").write_bytes(b"what ONNX stores outside")
     assert main(words) == 0
     before = Path("t.csv").read_bytes()
     assert main(words) == 0
@@ -343,6 +350,8 @@ def test_a_table_refuses_rows_of_a_changed_file_or_function(
         network = onnx.load("net.onnx")
         network.doc_string = "another file, though the same driver"
         onnx.save(network, "net.onnx")
+    elif change == "its data":
+        Path("net.onnx.data").write_bytes(b"of another network")
     elif change == "module":
         Path(f"{mine}.py").write_text(MODULE + "\n")
     elif change == "scenario":

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import python
 
 from drl_av.config import Config
 from drl_av.env.metrics import EpisodeResult
@@ -234,3 +235,17 @@ def test_rows_become_results_again_to_the_digit() -> None:
     assert results_of([text], EpisodeResult) == [result]
     with pytest.raises(ValueError, match="maybe"):
         results_of([text | {"ego_hit": "maybe"}], EpisodeResult)
+
+
+def test_a_second_process_may_not_write_to_the_table(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    table = ResultTable(path, INPUTS, PLACE)
+    ResultTable(path, INPUTS, PLACE)  # the same process may
+    program = f"from pathlib import Path; from drl_av.files import hold; hold(Path({str(path)!r}))"
+    second = python("-c", program)
+    assert second.returncode == 1
+    assert f"Another process is writing to {path}: wait for it" in second.stderr
+    assert python("-c", program.replace("t.csv", "u.csv")).returncode == 0
+    table.add(*ROWS)
+    table.save()
+    assert python("-c", program).returncode == 1  # though the file is another one now

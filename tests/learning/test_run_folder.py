@@ -142,6 +142,27 @@ def test_resuming_a_finished_run_writes_a_policy_that_is_gone(copy: Path) -> Non
     assert files_of(copy) == before
 
 
+def test_resuming_a_finished_run_writes_a_policy_that_is_damaged(copy: Path) -> None:
+    before = files_of(copy)
+    os.truncate(copy / "policy.safetensors", 40_000)
+    assert main(command(copy, "--resume")) == 0
+    assert files_of(copy) == before
+
+
+def test_a_training_does_not_go_on_upon_another_road(
+    settings: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road, run = tmp_path / "road", tmp_path / "run"
+    assert main(["scenario", str(road), "--circumference-m", "800"]) == 0
+    words = command(run, "--config", settings, "--scenario", str(road))
+    assert interrupted(f"at_call(HighwayEnv, 'execute', 60, {KILL})", words).returncode != 0
+    shutil.rmtree(road)
+    assert main(["scenario", str(road), "--circumference-m", "400"]) == 0
+    capsys.readouterr()
+    assert main(command(run, "--resume")) == 1
+    assert f"with other files of the scenario {road}: put them back" in error_message(capsys)
+
+
 @pytest.mark.parametrize(
     ("limit", "mode", "reason"),
     [

@@ -1,6 +1,7 @@
 """The worlds of a training at scale."""
 
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
-from drl_av.learning.large_scale import Part, TwinWorlds
+from drl_av.errors import RunError
+from drl_av.files import locked
+from drl_av.learning.large_scale import Part, TwinWorlds, train_at_scale
 from drl_av.road.snapshot import Snapshot
 from drl_av.twin.worlds import COUNT
 
@@ -222,3 +225,21 @@ def test_the_same_seed_gives_the_same_worlds() -> None:
     one, again, other = (TwinWorlds(LARGE, seed).observation for seed in (3, 3, 4))
     assert one.tobytes() == again.tobytes()
     assert one.tobytes() != other.tobytes()
+
+
+def test_two_trainings_at_scale_do_not_write_to_one_folder(tmp_path: Path) -> None:
+    small = PRESETS["large"].updated(
+        "ppo", worlds=5, batch_size=10, minibatch_size=5, decisions=20, epochs=1
+    )
+    first = train_at_scale(tmp_path / "run", small)
+    next(first)
+    with pytest.raises(RunError, match="exists already: choose another folder"):
+        next(train_at_scale(tmp_path / "run", small))
+    first.close()
+    (tmp_path / "empty").mkdir()
+    with (
+        locked(tmp_path / "empty"),
+        pytest.raises(RunError, match=r"Another training is writing to .*/empty: wait"),
+    ):
+        next(train_at_scale(tmp_path / "empty", small))
+    assert not any((tmp_path / "empty").iterdir())
