@@ -75,7 +75,9 @@ level_1 level_2: setup
 	$(BIN)/drl-av train --config drl_av/pretrained/$@/config.toml --out runs/$@
 	cd runs/$@ && cp config.toml evaluations.csv policy.safetensors ../../drl_av/pretrained/$@/
 
-text = $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
+text = mkdir -p runs && $(BIN)/python $(2) > runs/$(1) && mv runs/$(1) docs/results/$(1)
+# A training that has begun goes on, and one that has ended stays.
+trained = $(BIN)/drl-av train --out runs/$(1) $$(test -d runs/$(1) && echo --resume || echo --preset $(1))
 
 # Every number, table and figure of README.md and docs/results (hours). What a study has
 # made already is not made again; a tool's text stands once the tool has ended well.
@@ -103,9 +105,9 @@ results: setup
 	$(call text,merge_learned.txt,-m verification.ramps --kind merge --driver pretrained-merge --episodes 200)
 	$(call text,exit_learned.txt,-m verification.ramps --kind exit --driver pretrained-exit --episodes 600 --seed 770000)
 	$(call text,ramp_to_ramp_learned.txt,-m verification.ramps --kind ramp_to_ramp --driver pretrained-ramp_to_ramp --episodes 200 --seed 770000)
-	$(BIN)/drl-av train --preset paper-merge --out runs/paper-merge
-	$(BIN)/drl-av train --preset paper-exit --out runs/paper-exit
-	$(BIN)/drl-av train --preset paper-ramp_to_ramp --out runs/paper-ramp_to_ramp
+	$(call trained,paper-merge)
+	$(call trained,paper-exit)
+	$(call trained,paper-ramp_to_ramp)
 	$(call text,merge_paper.txt,-m verification.ramps --kind merge --driver runs/paper-merge --episodes 200)
 	$(call text,exit_paper.txt,-m verification.ramps --kind exit --driver runs/paper-exit --episodes 200)
 	$(call text,ramp_to_ramp_paper.txt,-m verification.ramps --kind ramp_to_ramp --driver runs/paper-ramp_to_ramp --episodes 200)

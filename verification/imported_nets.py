@@ -267,6 +267,8 @@ def main() -> int:
     parser.add_argument("folder", type=Path, help="with networks: FOLDER/.../*.net.xml")
     parser.number("--episodes", 0, "on each route that is read", low=0)
     options = parser.parse_args()
+    if not options.folder.is_dir():
+        parser.error(f"There is no folder {options.folder}: name one that holds networks.")
     results = []
     for result in results_of(options.folder, options.episodes):
         results.append(result)

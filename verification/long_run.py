@@ -127,11 +127,14 @@ def main() -> int:
         worlds = {name: Watched(base.updated("traffic", **shares)) for name, shares in mixes}
     names = list(worlds)
     done, facts = read_table(arguments.out, growing=True), read_sidecar(arguments.out)
-    if facts and stored_config(facts["settings"], str(arguments.out)) != base:
+    if facts and not (
+        facts.get("mixes") == names and stored_config(facts["settings"], str(arguments.out)) == base
+    ):
         raise settings_mismatch(arguments.out, sidecar(arguments.out))
     spent_s = facts.get("wall_time_s", 0.0)
+    made: dict[str, Any] = {"settings": asdict(base), "mixes": names}
     if not facts:
-        write_sidecar(arguments.out, provenance(base, settings=asdict(base)))
+        write_sidecar(arguments.out, provenance(base, **made))
     known = {int(row["seed"]) for row in done}
     try:
         for number in range(arguments.first, arguments.first + arguments.episodes):
@@ -139,8 +142,8 @@ def main() -> int:
             if seed not in known:
                 append_rows(arguments.out, COLUMNS, [worlds[mix].episode(mix, seed)])
     finally:
-        spent = spent_s + round(parser.spent_s(), 1)
-        write_sidecar(arguments.out, provenance(base, wall_time_s=spent, settings=asdict(base)))
+        made["wall_time_s"] = spent_s + round(parser.spent_s(), 1)
+        write_sidecar(arguments.out, provenance(base, **made))
     status = report(read_table(arguments.out, growing=True))
     print(parser.made_by(spent_s))
     return status

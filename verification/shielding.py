@@ -138,7 +138,7 @@ def main() -> int:
         parser.error(f"The folder {options.out.parent} does not exist: make it first.")
     size = {"steps": options.steps, "evaluation_episodes": options.episodes}
     rows, facts = read_table(options.out, growing=True), read_sidecar(options.out)
-    if facts and any(facts[name] != number for name, number in size.items()):
+    if facts and any(facts.get(name) != number for name, number in size.items()):
         parser.error(f"{options.out} was made with other --steps or --episodes: choose another")
     before_s = facts.get("wall_time_s", 0.0)
     known = {(row["method"], int(row["seed"])) for row in rows}

@@ -45,7 +45,8 @@ def most_to_gain(env: HighwayEnv, pivot: Pivot, where: dict[str, Any]) -> str:
     """
     rows = select(pivot.rows, where | {"label": pivot.best(where)})
     best = by_traffic(rows, SPEED)
-    return str(gain({traffic: fastest_m_s(env, *map(int, traffic)) for traffic in best}, best))
+    bound = {traffic: fastest_m_s(env, *map(int, traffic[1:])) for traffic in best}
+    return str(gain(bound, best))
 
 
 def fastest_m_s(env: HighwayEnv, vehicles: int, seed: int) -> float:

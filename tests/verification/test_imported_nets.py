@@ -96,3 +96,12 @@ def test_a_file_that_is_no_network_ends_the_program_with_a_sentence(tmp_path: Pa
     (tmp_path / "pointer.net.xml").write_text("version https://git-lfs.github.com/spec/v1")
     with pytest.raises(ConfigError, match=r"pointer.net.xml is no SUMO network \(syntax error\)"):
         [*results_of(tmp_path, 0)]
+
+
+def test_a_folder_that_is_not_there_is_no_result(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["imported_nets", "/no/such/folder"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "There is no folder /no/such/folder: name one that holds" in capsys.readouterr().err

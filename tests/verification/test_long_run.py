@@ -1,11 +1,16 @@
 """The report of the long run names each broken bound with its driver and its cause."""
 
+import shutil
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from drl_av.errors import DrlAvError
+from studies.options import RESULTS
 from verification.auditor import BEHIND, BRAKES, CUT_IN, SOONER
-from verification.long_run import approaches, report
+from verification.long_run import approaches, main, report
 
 ROW = {
     "seed": "800000",
@@ -55,3 +60,19 @@ def test_an_ego_that_hits_or_is_hit_by_one_that_keeps_the_bounds_is_a_failure() 
     assert report([hit]) == 1
     assert report([hit | {"broken_bounds": BEHIND}]) == 0
     assert report([hit | {"ego_hit": "True", "broken_bounds": BEHIND}]) == 1
+
+
+def test_a_table_of_other_traffic_or_of_another_program_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["long_run", "--episodes", "1", "--out", str(tmp_path / "t.csv")]
+    monkeypatch.setattr(sys, "argv", words)
+    assert main() == 0
+    monkeypatch.setattr(sys, "argv", [*words, "--traffic", "calm"])
+    with pytest.raises(DrlAvError, match=r"t\.csv was made with other settings"):
+        main()
+    for suffix in (".csv", ".json"):
+        shutil.copy((RESULTS / "shielding").with_suffix(suffix), tmp_path)
+    monkeypatch.setattr(sys, "argv", [*words[:-1], str(tmp_path / "shielding.csv")])
+    with pytest.raises(DrlAvError, match=r"shielding\.csv was made with other settings"):
+        main()
