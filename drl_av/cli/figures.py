@@ -12,6 +12,7 @@ from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
 from drl_av.drivers.groups import trainings_of
 from drl_av.errors import ConfigError, DrlAvError, pluralize
+from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.figure_style import COLUMNS_IN
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ def figures(options: argparse.Namespace) -> int:
     """Draw each figure for which the given sources have data, or ``reward`` without any; return 0.
 
     Raises ConfigError if a folder is not a run, runs are of two algorithms, tables have an episode
-    of a driver twice, or ``--out`` has the suffix of another kind of file.
+    of a driver twice or are of different traffic, or ``--out`` has the suffix of another kind of
+    file.
     """
     from drl_av.evaluation.figure_style import add_title, fit_columns
     from drl_av.evaluation.figures import (
@@ -85,6 +87,7 @@ def figures(options: argparse.Namespace) -> int:
     if tables:
         rows = [row for table in tables for row in _rows_of(table)]
         _require_distinct(rows)
+        _require_one_traffic(tables)
         checks = ((row.get("group") or row["driver"], row["safety_check"]) for row in rows)
         title = title_of(checks)
         figures |= {"mean_speed": speed_figure(rows), "speed_profile": profile_figure(rows)}
@@ -188,6 +191,29 @@ def _gains(tables: Iterable[Path]) -> "Sequence[PairedGain]":
     except DrlAvError as error:
         print(f"The gain over the rules is not drawn: {error}")
         return []
+
+
+def _require_one_traffic(tables: Sequence[Path]) -> None:
+    """Raise ConfigError if tables say that their episodes were driven in different traffic."""
+    from drl_av.evaluation.provenance import read_provenance
+
+    found = dict[str, tuple[str, Any]]()
+    for table in tables:
+        beside = table.with_suffix(PROVENANCE)
+        settings = read_provenance(beside, table).get("settings", {}) if beside.exists() else {}
+        if "traffic" not in settings or "simulation" not in settings:
+            continue
+        simulation, traffic = settings["simulation"], dict(settings["traffic"])
+        numbers = {"vehicles_min", "vehicles_max"}  # the columns say how many there were
+        now = {name: value for name, value in traffic.items() if name not in numbers}
+        now |= {name: simulation.get(name, "sumo") for name in ("scenario", "world")}
+        for name, value in now.items():
+            first, its = found.setdefault(name, (str(table), value))
+            if its != value:
+                raise ConfigError(
+                    f"{first} and {table} are of different traffic ({name} is {its} and {value}): "
+                    "draw them apart."
+                )
 
 
 def _require_distinct(rows: Iterable[Mapping[str, Any]]) -> None:

@@ -1,6 +1,7 @@
 """Trains one driver for each of several random seeds: ``drl-av train --seeds 1-5 --jobs 2``."""
 
 import argparse
+import glob
 import re
 import shlex
 import sys
@@ -115,9 +116,18 @@ def train_seeds(jobs: Sequence[SeedJob], processes: int, command: str) -> int:
         ) from error
     folder = jobs[0].folder.parent
     print(f"{folder}: {pluralize(len(jobs), 'training')}; compare them with a rule-based driver:")
-    pattern = f"{folder.absolute().name}={folder / 'seed-*'}"
-    print(shlex.join(["drl-av", "evaluate", pattern, "gap-mobil"]))
+    print(shlex.join(["drl-av", "evaluate", group_of(folder), "gap-mobil"]))
     return 0
+
+
+def group_of(folder: Path) -> str:
+    """Return the word by which ``evaluate`` finds the trainings in a folder, ``NAME=PATTERN``."""
+    from drl_av.drivers.registry import driver_names
+
+    name = re.sub(r"[^\w.-]", "_", folder.absolute().name)
+    if name in driver_names():
+        name += "-seeds"
+    return f"{name}={Path(glob.escape(str(folder))) / 'seed-*'}"
 
 
 def again(jobs: Sequence[SeedJob], command: str) -> str:

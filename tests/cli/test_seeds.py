@@ -8,9 +8,11 @@ import pytest
 from runs import TINY, error_message, files_of
 
 from drl_av.cli import main
-from drl_av.cli.seeds import SeedJob, seed_list, train_seed
+from drl_av.cli.seeds import SeedJob, group_of, seed_list, train_seed
 from drl_av.cli.status import INTERRUPTED
 from drl_av.config.presets import preset
+from drl_av.drivers.groups import trainings_of
+from drl_av.drivers.registry import driver_names
 from drl_av.env.custom import NOTHING_CUSTOM
 from drl_av.evaluation import LOKY
 from drl_av.evaluation.engines import ENGINES
@@ -54,6 +56,15 @@ def test_each_run_has_the_bytes_of_the_same_run_alone(
     other = ["--seeds", "3,4", "--resume", "--episodes", "9"]
     assert main(["train", "--out", "many", *other]) == 1
     assert "begun with other settings" in error_message(capsys)
+
+
+@pytest.mark.parametrize("name", ["plain", "my run", "idm", "p[1]"])
+def test_the_printed_word_finds_the_trainings_in_any_folder(name: str, here: Path) -> None:
+    for seed in (2, 10):
+        (here / name / f"seed-{seed}").mkdir(parents=True)
+    group, found = trainings_of(group_of(Path(name)))
+    assert found == [f"{name}/seed-2", f"{name}/seed-10"]
+    assert group not in driver_names()
 
 
 def test_a_stopped_run_continues_to_the_same_bytes(settings: str) -> None:

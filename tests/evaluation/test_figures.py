@@ -74,6 +74,30 @@ def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
     ]
 
 
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (["--traffic", "hazards"], "speed_gain_min is 0.0 and 1.0"),
+        (["--world", "twin"], "world is sumo and twin"),
+        (["--scenario", "straight"], "scenario is circular_three_lane and straight"),
+    ],
+)
+def test_tables_of_different_traffic_are_not_drawn_together(
+    other: list[str], words: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
+    given = ["--config", "short.toml", "--vehicles", "3", "--episodes", "1", "--out"]
+    assert main(["evaluate", "idm", "--traffic", "calm", *given, "a.csv"]) == 0
+    calm = ["--traffic", "calm"] if "--traffic" not in other else []
+    assert main(["evaluate", "random", *calm, *other, *given, "b.csv"]) == 0
+    capsys.readouterr()
+    assert main(["figures", "a.csv", "b.csv", "--out", "drawn"]) == 1
+    assert f"a.csv and b.csv are of different traffic ({words}): draw" in error_message(capsys)
+    assert not (here / "drawn").exists()
+    assert main(["evaluate", "random", "--traffic", "calm", *given, "c.csv"]) == 0
+    assert main(["figures", "a.csv", "c.csv", "--out", "drawn"]) == 0
+
+
 def test_the_profile_falls_at_each_speed_of_the_driver() -> None:
     rows = [
         {"driver": driver, "vehicles": 5.0, "mean_speed_m_s": speed}
