@@ -102,11 +102,11 @@ class Run:
                 f"{self.checkpoint_file} belongs to other settings than {self.config_file}: "
                 "put back the config.toml of that training, or begin a new run."
             )
-        self._require_parts(numbers.get("custom", {}), training.config)
         tables = self.episodes_file.name, self.evaluations_file.name
         try:
             training.restore(tensors, numbers)
             sizes = {name: int(numbers["sizes"][name]) for name in tables}
+            begun = {str(name): str(part) for name, part in numbers["custom"].items()}
             if not 0 <= training.episodes_done <= training.config.learning.episodes:
                 raise ValueError("it counts more episodes than the training has")
             if min(sizes.values()) < 0:
@@ -116,6 +116,7 @@ class Run:
                 f"{self.checkpoint_file} holds no training of this version ({error!r}): "
                 "take an older copy, or begin a new run."
             ) from error
+        self._require_parts(begun, training.config)
         for name, size in sizes.items():
             self._require_rows(self.folder / name, size, training.episodes_done)
         for name, size in sizes.items():

@@ -27,8 +27,9 @@ WORLDS, DECISIONS = 16, 100
 )
 def test_the_traffic_of_an_episode_has_one_hash(kind: str, vehicles: int, expected: str) -> None:
     traffic = {"kind": kind, "random_lane_changes_per_s": 0.0, "keep_stopping_distance": False}
-    env = TwinVectorEnv(WORLDS, config=as_config({"traffic": traffic}))
-    env.reset(seed=3_000_000, options={"vehicles": vehicles})
+    number = {"vehicles_min": vehicles, "vehicles_max": vehicles}
+    env = TwinVectorEnv(WORLDS, config=as_config({"traffic": traffic | number}))
+    env.reset(seed=3_000_000)
     found, rows = hashlib.sha256(), np.arange(WORLDS)
     for decision in range(DECISIONS):
         env.step((decision // 9 * 5 + rows) % 12)
