@@ -203,7 +203,7 @@ def _require_one_traffic(tables: Sequence[Path]) -> None:
         settings = read_provenance(beside, table).get("settings", {}) if beside.exists() else {}
         if "traffic" not in settings or "simulation" not in settings:
             continue
-        simulation, traffic = settings["simulation"], dict(settings["traffic"])
+        simulation, traffic = settings["simulation"], settings["traffic"]
         numbers = {"vehicles_min", "vehicles_max"}  # the columns say how many there were
         now = {name: value for name, value in traffic.items() if name not in numbers}
         now |= {name: simulation.get(name, "sumo") for name in ("scenario", "world")}
