@@ -15,6 +15,8 @@ SHARE_MARGIN = 0.02
 lies below this (ours): with no hit at all, 190 episodes of each driver are enough."""
 Z_95 = 1.959964
 """The quantile of the normal distribution for 95 % intervals."""
+Rows = Sequence[EpisodeResult]
+Measure = Callable[[EpisodeResult], float]
 
 
 class Interval(NamedTuple):
@@ -110,39 +112,53 @@ def judge(rows: Iterable[EpisodeResult]) -> list[CriterionResult]:
 
 def _judgement(
     name: str,
-    ours: Sequence[EpisodeResult],
+    ours: Rows,
     best: str,
-    theirs: Sequence[EpisodeResult],
+    theirs: Rows,
     safest: str,
-    safe: Sequence[EpisodeResult],
+    safe: Rows,
 ) -> CriterionResult:
-    drivers = f"{name} and {best}"
+    def compared(
+        criterion: str,
+        unit: str,
+        measure: Callable[[Rows], Measure],
+        decided: Callable[[Interval], str],
+    ) -> Criterion:
+        mine, other = measure(ours), measure(theirs)
+        paired = gain(_by_traffic(ours, mine), _by_traffic(theirs, other), f"{name} and {best}")
+        difference, figures = _interval(paired), (_mean(ours, mine), _mean(theirs, other))
+        return Criterion(criterion, unit, decided(difference), *figures, best, difference)
 
-    def paired(measure: Callable[[EpisodeResult], float]) -> Interval:
-        mine, other = (
-            {(row.vehicles, row.seed): measure(row) for row in rows} for rows in (ours, theirs)
-        )
-        return _interval(gain(mine, other, drivers))
-
-    speed = paired(lambda row: row.mean_speed_m_s)
-    speeds = _mean(ours, lambda row: row.mean_speed_m_s), _mean(theirs, lambda r: r.mean_speed_m_s)
     criteria = [
-        Criterion("speed", "m/s", _decided(speed.low > 0, speed.high <= 0), *speeds, best, speed),
+        compared(
+            "speed",
+            "m/s",
+            lambda _: lambda row: row.mean_speed_m_s,
+            lambda faster: _decided(faster.low > 0, faster.high <= 0),
+        ),
         _no_more_episodes("collisions", ours, safe, safest, lambda row: row.ego_hit),
     ]
     if any(row.way for row in ours):
         criteria.append(
             _no_more_episodes("exit or merge", ours, theirs, best, lambda row: row.missed)
         )
-    brakes = paired(lambda row: 1000 * row.hard_brakes / _driven_m(row))
-    per_km = _brakes_per_km(ours), _brakes_per_km(theirs)
-    fewer = _decided(brakes.high <= 0, brakes.low > 0)
-    criteria.append(Criterion("hard brakes", "per km", fewer, *per_km, best, brakes))
+    criteria.append(
+        compared(
+            "hard brakes",
+            "per km",
+            lambda rows: _pooled(rows, lambda row: row.hard_brakes, _driven_km),
+            lambda more: _decided(more.high <= 0, more.low > 0),
+        )
+    )
     if all(isinstance(row, CriticalityResult) for row in (*ours, *theirs)):
-        share = paired(_comfortable_percent)
-        more = _decided(share.low >= 0, share.high < 0)
-        shares = _mean(ours, _comfortable_percent), _mean(theirs, _comfortable_percent)
-        criteria.append(Criterion("comfort", "% of decisions", more, *shares, best, share))
+        criteria.append(
+            compared(
+                "comfort",
+                "% of decisions",
+                lambda rows: _pooled(rows, _comfortable, lambda row: row.decisions / 100),
+                lambda more: _decided(more.low >= 0, more.high < 0),
+            )
+        )
     results = {criterion.name: criterion.result for criterion in criteria}
     failures, undecided = (
         tuple(each for each, result in results.items() if result == which)
@@ -162,8 +178,8 @@ def _interval(mean: Mean) -> Interval:
 
 def _no_more_episodes(
     name: str,
-    ours: Sequence[EpisodeResult],
-    theirs: Sequence[EpisodeResult],
+    ours: Rows,
+    theirs: Rows,
     over: str,
     happens: Callable[[EpisodeResult], bool],
 ) -> Criterion:
@@ -195,18 +211,28 @@ def wilson(events: int, number: int) -> tuple[float, float, float]:
     return p, center - half, center + half
 
 
-def _mean(rows: Sequence[EpisodeResult], measure: Callable[[EpisodeResult], float]) -> float:
+def _by_traffic(rows: Rows, measure: Measure) -> dict[tuple[int, int], float]:
+    return {(row.vehicles, row.seed): measure(row) for row in rows}
+
+
+def _mean(rows: Rows, measure: Measure) -> float:
     return sum(map(measure, rows)) / len(rows)
 
 
-def _brakes_per_km(rows: Sequence[EpisodeResult]) -> float:
-    return 1000 * sum(row.hard_brakes for row in rows) / sum(map(_driven_m, rows))
+def _pooled(rows: Rows, count: Measure, size: Measure) -> Measure:
+    """Return a measure of an episode whose mean is the sum of ``count`` over that of ``size``.
+
+    So the interval of its mean is that of the ratio by the delta method (Cochran 1977, ch. 6).
+    """
+    mean_size = _mean(rows, size)
+    ratio = _mean(rows, count) / mean_size
+    return lambda row: ratio + (count(row) - ratio * size(row)) / mean_size
 
 
-def _driven_m(row: EpisodeResult) -> float:
-    return max(row.mean_speed_m_s * row.decisions, 1.0)  # a decision takes 1 s
+def _driven_km(row: EpisodeResult) -> float:
+    return max(row.mean_speed_m_s * row.decisions, 1.0) / 1000  # a decision takes 1 s
 
 
-def _comfortable_percent(row: EpisodeResult) -> float:
+def _comfortable(row: EpisodeResult) -> int:
     assert isinstance(row, CriticalityResult)
-    return 100 * row.comfortable_decisions / row.decisions
+    return row.comfortable_decisions

@@ -191,7 +191,7 @@ class ScenarioDescription(RoadDescription):
             check_placed(self, number, lanes, self.circumference_m)
 
 
-def toml_text(description: RoadDescription, **changed: str | float) -> str:
+def toml_text(description: RoadDescription, **changed: Any) -> str:
     """Return a description as TOML text, without its kind.
 
     The keys of the user's own vehicle types and files and of a vehicle's lane changes are left out

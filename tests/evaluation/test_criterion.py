@@ -134,6 +134,19 @@ def test_hard_brakes_are_compared_in_a_kilometre_by_their_interval() -> None:
     assert judged(rows, RULES).criterion("hard brakes").result == "undecided"
 
 
+def test_a_hard_brake_in_a_short_episode_counts_as_one_of_all_kilometres() -> None:
+    # 2 + 2 + 2 + 1 in 3 x 2 km and 20 m; the mean of the episodes' 1, 1, 1 and 50 a km is a decoy
+    mine = drives("mine", 20.0, 20.0, 20.0, 20.0, hard_brakes=2)
+    mine[3] = replace(mine[3], decisions=1, hard_brakes=1)
+    brakes = judged(mine, drives("idm", 20.0, 20.0, 20.0, 20.0, hard_brakes=3)).criterion(
+        "hard brakes"
+    )
+    assert (brakes.ours, brakes.theirs) == pytest.approx((7 / 6.02, 12 / 8))
+    # by the delta method -0.554, -0.554, -0.554 and 0.312: 0.433 x 3.182 / 2 = 0.688
+    assert brakes.difference == pytest.approx((-0.337, -0.337 - 0.688, -0.337 + 0.688), abs=1e-3)
+    assert brakes.result == "undecided"
+
+
 def comfortable(rows: list[EpisodeResult], *decisions: int) -> list[EpisodeResult]:
     return [
         CriticalityResult(

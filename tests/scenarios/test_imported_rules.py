@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from math import cos, pi, sin
 from pathlib import Path
@@ -82,7 +83,7 @@ def reported(folder: Path, old: str, new: str) -> tuple[str, ...]:
     text = net.read_text()
     assert old in text
     net.write_text(text.replace(old, new, 1))
-    return along(net, 1).left_out or ()
+    return along(net, 1).leaves_out
 
 
 @pytest.mark.parametrize(
@@ -204,7 +205,7 @@ def test_the_limit_of_cars_is_carried_and_that_of_trucks_named(
     description = along(net, 1)
     assert description.plan().road.speed_limits[0][-1].limit_m_s == limit
     phrase = "the limit of truck on edges of type 'motorway', 22 m/s"
-    assert (description.left_out or ()) == ((phrase,) if of == "truck" else ())
+    assert (description.leaves_out) == ((phrase,) if of == "truck" else ())
     # plain SUMO obeys the same on the user's network
     assert speeds(net, "e0 e1", tmp_path)[-1] == pytest.approx(min(limit, 30.0), abs=0.01)
 
@@ -236,6 +237,48 @@ def test_a_curve_has_the_speed_at_which_it_can_be_driven(tmp_path: Path) -> None
     assert load_scenario(folder).road == description.plan().road
     driven = speeds(folder / "highway.net.xml", route_of(folder), tmp_path)
     assert min(driven) == pytest.approx(curve.limit_m_s, abs=0.01)
+
+
+def bent(folder: Path, edges: int) -> Path:
+    """A road of 600 m, a quarter of a circle of 60 m in so many edges, and 600 m."""
+
+    def place(turned: float) -> tuple[float, float]:
+        return 600 + 60 * sin(turned * pi / 2), 60 * (1 - cos(turned * pi / 2))
+
+    places = [(0.0, 0.0), *(place(k / edges) for k in range(edges + 1)), (660.0, 660.0)]
+    nodes = "".join(f'<node id="n{k}" x="{x:.2f}" y="{y:.2f}"/>' for k, (x, y) in enumerate(places))
+    found = ""
+    for k in range(edges + 2):
+        middle = [place((k - 0.5) / edges)] if 0 < k <= edges else []
+        shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in (places[k], *middle, places[k + 1]))
+        found += (
+            f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="2" speed="30" shape="{shape}"/>'
+        )
+    return converted(folder, nodes, found, None)
+
+
+@pytest.mark.parametrize("edges", [2, 6, 18])
+def test_a_curve_of_many_edges_has_the_speed_of_one_edge(edges: int, tmp_path: Path) -> None:
+    # it is 94 m long, so its edges, from 47 to 5 m, are shorter than the chords that measure it
+    net = bent(tmp_path, edges)
+    description = described(net, "e0", f"e{edges + 1}")
+    [*_, sharpest] = sorted(description.curves, key=lambda curve: -curve.limit_m_s)
+    # sqrt(5.5 m/s^2 x 60 m) = 18.2 m/s
+    assert sharpest.limit_m_s == pytest.approx(18.2, rel=0.05)
+    assert 600 < sharpest.begin_m < 650 < sharpest.end_m < 694
+    limits = [limit for *_, limit in description.plan().road.speed_limits[0]]
+    # one bend: the traffic does not speed up in the middle of it
+    slowest = limits.index(min(limits))
+    assert limits[: slowest + 1] == sorted(limits[: slowest + 1], reverse=True)
+    assert limits[slowest:] == sorted(limits[slowest:])
+
+
+def test_the_limits_of_a_written_network_are_not_changed_in_silence(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "road", described(curved(tmp_path, 150.0), "C", "C"))
+    written = read_description(tmp_path / "road" / "scenario.toml", "correct it")
+    for name in ("sideways_m_s2", "lowest_limit_m_s"):
+        with pytest.raises(ScenarioError, match="import the network anew with them"):
+            replace(written, **{name: 3.0})
 
 
 @pytest.mark.parametrize(("radius_m", "sideways"), [(400.0, 5.5), (150.0, 9.0)])
@@ -303,7 +346,7 @@ def test_a_closed_lane_is_no_lane(tmp_path: Path) -> None:
     description = along(net, 1)
     assert description.lanes == 2
     assert description.plan().road.partial_lanes == ()
-    assert [phrase for phrase in description.left_out or () if "closed" in phrase] == [
+    assert [phrase for phrase in description.leaves_out if "closed" in phrase] == [
         "lanes closed to cars, lane 'e0_0' and 3 more"
     ]
     write_scenario(tmp_path / "road", description)
@@ -338,7 +381,7 @@ def test_the_motorway_is_driven_past_a_ramp_to_which_its_lane_gives_way(tmp_path
     states = re.findall(r'<connection from="M1"[^>]*state="(.)"', net.read_text())
     assert set(states) == {"m"}  # the ramp has the higher priority
     description = described(net, "M1", "M2")
-    assert description.left_out == (
+    assert description.leaves_out == (
         "1 road that joins it, with its traffic",
         "that the route gives way to the ramp 'on' at junction 'b' at the end of edge 'M1'",
     )
@@ -348,7 +391,7 @@ def test_the_motorway_is_driven_past_a_ramp_to_which_its_lane_gives_way(tmp_path
 def test_a_junction_without_other_roads_leaves_nothing_out(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(2), Part(2))
     net.write_text(net.read_text().replace('state="M"', 'state="m"'))
-    assert along(net, 1).left_out == ()
+    assert along(net, 1).leaves_out == ()
 
 
 def test_a_route_stays_on_the_motorway_beside_a_shorter_way_through_a_town(tmp_path: Path) -> None:
@@ -397,7 +440,7 @@ def lights(net: Path, motorway: str) -> Path:
 def test_the_motorway_is_driven_past_a_ramp_meter(tmp_path: Path) -> None:
     net = lights(meeting(tmp_path, "traffic_light"), "GG")
     description = described(net, "M1", "M2")
-    assert description.left_out == (
+    assert description.leaves_out == (
         "1 road that joins it, with its traffic",
         "the traffic lights of junction 'b' at the end of edge 'M1', which always let the route "
         "pass",
@@ -448,15 +491,17 @@ def test_the_roads_that_join_and_leave_a_route_are_left_out_by_their_number(tmp_
     net = weaving(tmp_path)
     joins = "1 road that joins it, with its traffic"
     whole = described(net, "M1", "M3")
-    assert whole.left_out == ("1 road that joins it and 1 road that leaves it, with their traffic",)
-    assert whole.summary.endswith(f"\nLeft out: {whole.left_out[0]}.")
+    assert whole.leaves_out == (
+        "1 road that joins it and 1 road that leaves it, with their traffic",
+    )
+    assert whole.summary.endswith(f"\nLeft out: {whole.leaves_out[0]}.")
     # where the route leaves the motorway, that goes on
-    leaving, *others = described(net, "M1", "off").left_out or ()
+    leaving, *others = described(net, "M1", "off").leaves_out
     assert (leaving, "behind the exit" in others[0], len(others)) == (joins, True, 1)
-    assert described(net, "M2", "M3").left_out == ("1 road that leaves it, with its traffic",)
+    assert described(net, "M2", "M3").leaves_out == ("1 road that leaves it, with its traffic",)
     turning = re.sub(r'(<connection from="M2" to="off" [^>]*dir=)"."', r'\1"t"', net.read_text())
     net.write_text(turning)
-    assert described(net, "M1", "M3").left_out == (joins,)
+    assert described(net, "M1", "M3").leaves_out == (joins,)
 
 
 def test_a_lane_with_a_point_that_is_no_number_is_refused(tmp_path: Path) -> None:
@@ -472,7 +517,7 @@ def test_a_lane_with_a_point_that_is_no_number_is_refused(tmp_path: Path) -> Non
 def test_traffic_on_the_left_is_driven_in_the_mirror(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(3), Part(3), options=["--lefthand", "true"])
     description = along(net, 1)
-    assert description.left_out == (
+    assert description.leaves_out == (
         "that its traffic drives on the left: the road is its mirror image",
     )
     shape = description.plan().edges[-2].shape

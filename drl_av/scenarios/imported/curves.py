@@ -2,8 +2,7 @@
 
 import math
 from bisect import bisect
-from collections.abc import Iterable, Sequence
-from itertools import product
+from collections.abc import Sequence
 
 from drl_av.road.road import SpeedLimit
 from drl_av.scenarios.layout import Point
@@ -21,16 +20,14 @@ ALIKE = 1.15
 """A curve extends to where its speed is this factor above that of its sharpest place."""
 
 
-def curve_limits(
-    lines: Iterable[Line], sideways_m_s2: float, fastest_m_s: float
-) -> list[SpeedLimit]:
+def curve_limits(line: Line, sideways_m_s2: float, fastest_m_s: float) -> list[SpeedLimit]:
     """Return the curves of a route that are too sharp for ``fastest_m_s``, each with its speed.
 
     In a curve of radius R the speed is at most sqrt(a R), where a is ``sideways_m_s2``. R is the
     length of two chords, one behind a place and one ahead of it, divided by the angle between them.
     """
     sharp: dict[int, float] = {}
-    for line, chord_m in product(lines, CHORDS_M):
+    for chord_m in CHORDS_M:
         for place, radius_m in _radii_m(line, chord_m).items():
             limit_m_s = math.sqrt(sideways_m_s2 * radius_m)
             if limit_m_s < min(fastest_m_s, sharp.get(place, math.inf)):
@@ -51,7 +48,21 @@ def curve_limits(
             del sharp[place]
         ends_m = (SPACING_M * (ends[0] - 0.5), SPACING_M * (ends[1] + 0.5))
         found.append(SpeedLimit(*ends_m, limit_m_s))
-    return sorted(found)
+    return _adjoining(sorted(found))
+
+
+def _adjoining(curves: Sequence[SpeedLimit]) -> list[SpeedLimit]:
+    """Extend, of two curves that nearly meet, the gentler one to the other."""
+    found = [*curves[:1]]
+    for curve in curves[1:]:
+        before, begin_m = found[-1], curve.begin_m
+        if begin_m - before.end_m < CHORDS_M[0]:
+            if before.limit_m_s > curve.limit_m_s:
+                found[-1] = before._replace(end_m=begin_m)
+            else:
+                begin_m = before.end_m
+        found.append(curve._replace(begin_m=begin_m))
+    return found
 
 
 def _radii_m(line: Line, chord_m: float) -> dict[int, float]:

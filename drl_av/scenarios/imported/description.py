@@ -4,7 +4,6 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -36,8 +35,9 @@ from drl_av.scenarios.netconvert import NETWORK_FILE, PRECISION, WRITE_AGAIN
 from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription
 from drl_av.scenarios.road_description import LANE_WIDTH_M, LANES, SPEED_LIMIT_M_S, toml_text
 
-LOWEST_LIMIT_M_S = partial(setting, 1.0, low=1, high=100)
-SIDEWAYS_M_S2 = partial(setting, 5.5, low=0.5, high=10_000)
+IN_THE_NETWORK = 1.0, 10_000.0
+"""The least lowest limit and the largest sideways acceleration, which change no limit: those of a
+network that drl-av has written."""
 SHORTEST_PIECE_M = 0.5
 """Length of the shortest piece of an edge between two changes of the speed limit."""
 SHORTEST_M, LONGEST_M = 600.0, 50_000.0
@@ -72,11 +72,13 @@ class ImportedDescription(OpenDescription):
     net: str = ""
     from_edge: str = ""
     to_edge: str = ""
-    lowest_limit_m_s: float = LOWEST_LIMIT_M_S()
-    sideways_m_s2: float = SIDEWAYS_M_S2()
+    lowest_limit_m_s: float = setting(1.0, low=IN_THE_NETWORK[0], high=100)
+    sideways_m_s2: float = setting(5.5, low=0.5, high=IN_THE_NETWORK[1])
     left_out: tuple[str, ...] | None = None
     """What the network says about the route and the scenario leaves out, one phrase each; None
     finds it in the network."""
+    leaves_out: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    """``left_out``, or what was found in the network."""
     route: Route = field(init=False, repr=False, compare=False)
     way: Carriageway = field(init=False, repr=False, compare=False)
     """The carriageway of the route, up to the exit if it has one, and the off-ramp there."""
@@ -94,6 +96,11 @@ class ImportedDescription(OpenDescription):
                     "of its edges."
                 )
         net, is_written = Path(self.net), self.left_out is not None
+        if is_written and (self.lowest_limit_m_s, self.sideways_m_s2) != IN_THE_NETWORK:
+            raise ScenarioError(
+                f"{self.net} has its limits from the time when it was imported: leave "
+                "lowest_limit_m_s and sideways_m_s2 out, or import the network anew with them."
+            )
         remedy = WRITE_AGAIN if is_written and net.name == NETWORK_FILE else REMEDY
         route = read_route(net, self.from_edge, self.to_edge, remedy)
         try:
@@ -109,12 +116,12 @@ class ImportedDescription(OpenDescription):
         for name, value in derived.items():
             object.__setattr__(self, name, value)
         fastest_m_s = max(self._raised(limit) for limit in _limits(way.driven))
-        curves = curve_limits(route.lines, self.sideways_m_s2, fastest_m_s)
+        curves = curve_limits(route.line, self.sideways_m_s2, fastest_m_s)
         object.__setattr__(self, "curves", tuple(one for one in curves if one[0] < way.end_m))
         last = way.off_ramp[0].edge if way.off_ramp else self._edges(way.sections[-1])[-1].id
         object.__setattr__(self, "to_edge", last)
-        left_out = self._left_out() if self.left_out is None else map(str, self.left_out)
-        object.__setattr__(self, "left_out", tuple(left_out))
+        leaves_out = self._left_out() if self.left_out is None else map(str, self.left_out)
+        object.__setattr__(self, "leaves_out", tuple(leaves_out))
         limits = [edge.speed_limit_m_s for edge in self.plan().edges]
         slowest = min(limit for limit in limits if limit is not None)
         object.__setattr__(self, "speed_limit_m_s", slowest)
@@ -163,10 +170,8 @@ class ImportedDescription(OpenDescription):
 
         The limits in that file are raised already, and its curves have their limits.
         """
-        lowest, curves = LOWEST_LIMIT_M_S.keywords["low"], SIDEWAYS_M_S2.keywords["high"]
-        return toml_text(
-            self, net=NETWORK_FILE, lowest_limit_m_s=float(lowest), sideways_m_s2=float(curves)
-        )
+        limits = dict(zip(("lowest_limit_m_s", "sideways_m_s2"), IN_THE_NETWORK, strict=True))
+        return toml_text(self, net=NETWORK_FILE, left_out=self.leaves_out, **limits)
 
     @property
     def summary(self) -> str:
@@ -193,7 +198,7 @@ class ImportedDescription(OpenDescription):
                 f"{sharpest.limit_m_s:.1f} m/s at {sharpest.begin_m:.0f} m"
             )
         return (
-            f"The road: {'; '.join(facts)}.\nLeft out: {'; '.join(self.left_out or ['nothing'])}."
+            f"The road: {'; '.join(facts)}.\nLeft out: {'; '.join(self.leaves_out or ['nothing'])}."
         )
 
     def _raised(self, limit_m_s: float) -> float:

@@ -81,8 +81,8 @@ class Route(NamedTuple):
 
     sections: tuple[Section, ...]
     lane_width_m: float
-    lines: tuple[Line, ...]
-    """For each edge but the first, the middle of a lane that leads to it and along it."""
+    line: Line
+    """The middle of a lane along it."""
     left_out: tuple[str, ...]
     """What the network says about the route and is not part of it, one phrase each."""
 
@@ -108,8 +108,8 @@ def read_route(path: Path, from_edge: str, to_edge: str, remedy: str = REMEDY) -
         steps = [step_between(file, edge, following) for edge, following in pairwise(edges)]
         last = Step(range(0), 0, {}, {}, frozenset(), frozenset(), frozenset(), ())
         sections = _sections(file, edges, opened, [*steps, last])
-        lines = tuple(_lines(file, edges, steps, sections))
-        return Route(tuple(sections), width_m, lines, tuple(_left_out(file, edges, steps)))
+        line = _line(file, edges, [*steps, last], sections)
+        return Route(tuple(sections), width_m, line, tuple(_left_out(file, edges, steps)))
     except ScenarioError as error:
         raise ScenarioError(f"{path}: {error}") from error
     except BROKEN as error:
@@ -258,21 +258,26 @@ def _permits(classes: str) -> bool:
     return not {"all", CARS}.isdisjoint(classes.split())
 
 
-def _lines(
+def _line(
     file: NetFile, edges: Sequence[Any], steps: Sequence[Step], sections: Sequence[Section]
-) -> Iterator[Line]:
-    """Yield for each two edges the middle of a lane along both and the junction between them."""
-    for row, (edge, following) in enumerate(pairwise(edges)):
-        step, begin_m = steps[row], sections[row].begin_m
-        lane = step.leading_on[-1]
-        own = file.lanes[f"{edge.getID()}_{lane}"]
-        further = file.lanes[f"{following.getID()}_{lane + step.shift}"]
-        yield [
-            *_places([own, *step.inside[lane]], begin_m),
-            *_places([further], sections[row].end_m),
-        ]
-    if len(edges) == 1:
-        yield [*_places([file.lanes[f"{edges[0].getID()}_{open_range(edges[0])[-1]}"]], 0.0)]
+) -> Line:
+    """Return the middle of a lane along the whole route and through its junctions.
+
+    Where that lane ends, the line goes on along the next lane that leads on, moved sideways to it.
+    """
+    line: list[tuple[float, Point]] = []
+    lane, aside = math.inf, (0.0, 0.0)
+    for edge, step, section in zip(edges, steps, sections, strict=True):
+        leading_on = step.leading_on or open_range(edge)
+        own = int(min(max(lane, leading_on[0]), leading_on[-1]))
+        inside = step.inside.get(own, ())
+        places = [*_places([file.lanes[f"{edge.getID()}_{own}"], *inside], section.begin_m)]
+        if line and own != lane:
+            (_, end), (_, begin) = line[-1], places[0]
+            aside = end[0] - begin[0], end[1] - begin[1]
+        line += [(at_m, (x + aside[0], y + aside[1])) for at_m, (x, y) in places]
+        lane = own + step.shift
+    return line
 
 
 def _places(lanes: Iterable[Attributes], begin_m: float) -> Iterator[tuple[float, Point]]:
