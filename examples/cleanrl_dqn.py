@@ -86,6 +86,7 @@ def main(steps: int = Args.total_steps, worlds: int = Args.twin_worlds) -> None:
     a_t = np.zeros(args.buffer_size, np.int64)
     r_tp1, ended = np.zeros((2, args.buffer_size), np.float32)
 
+    envs.action_space.seed(args.seed)
     observations, _ = envs.reset(seed=args.seed)
     for step in range(0, args.total_steps, n):
         progress = step / (args.exploration_fraction * args.total_steps)

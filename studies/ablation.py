@@ -24,14 +24,8 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.files import append_rows, column_types, read_table
-from drl_av.learning.large_scale import (
-    Flags,
-    Float32Array,
-    Part,
-    TwinWorlds,
-    learner_of,
-    save_actor,
-)
+from drl_av.learning.large_scale import learner_of, save_actor
+from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
 from drl_av.twin.worlds import FloatArray, IntArray
 from studies.options import RESULTS
 
@@ -80,6 +74,7 @@ class PaperPart(Part):
     def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
         """Execute one action in each world; return the rewards, and which egos hit and are late."""
         _, reward, terminated, truncated, _ = self.env.step(action)
+        self.collisions += int(terminated.sum())
         return reward.astype(np.float32), terminated, truncated & ~terminated
 
 

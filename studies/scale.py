@@ -13,7 +13,8 @@ import numpy as np
 from drl_av.config import SINGLE_PRESETS
 from drl_av.config.presets import PRESETS
 from drl_av.evaluation.figure_style import one_panel, save_figure
-from drl_av.learning.large_scale import TwinWorlds, learner_of, save_actor
+from drl_av.learning.large_scale import learner_of, save_actor
+from drl_av.learning.twin_worlds import TwinWorlds
 from studies.ablation import command_line, complete, gain
 
 if TYPE_CHECKING:

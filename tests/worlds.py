@@ -78,12 +78,13 @@ def snapshot(
     v_y: float = 0.0,
     road: Road = ROAD,
     wish: int = 0,
+    time_s: float = 0.0,
 ) -> Snapshot:
     """The ego at ``s_m``, ``y_m`` with others placed relative to it."""
     cars = (Car(0.0, y_m, speed_m_s, v_y), *others)
     offset_m, y, speed, lateral, length, width = np.array(cars, dtype=np.float64).T
     return Snapshot(
-        time_s=0.0,
+        time_s=time_s,
         ids=("ego", *(f"vehicle{row}" for row in range(1, len(cars)))),
         s_m=(s_m + offset_m) % road.lap_m,
         y_m=y,

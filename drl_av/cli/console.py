@@ -113,19 +113,20 @@ class StopRequest:
 
 
 @contextmanager
-def stop_request() -> Iterator[StopRequest]:
+def stop_request(after: str = "episode") -> Iterator[StopRequest]:
     """Handle SIGINT (Ctrl-C) and SIGTERM in the block.
 
-    The first signal sets ``made`` of the yielded StopRequest. The second signal raises
-    KeyboardInterrupt.
+    The first signal sets ``made`` of the yielded StopRequest, and says that the program stops
+    ``after`` what it is doing. The second signal raises KeyboardInterrupt.
     """
     request = StopRequest()
+    said = f"drl-av: stopping after this {after}; Ctrl-C again stops at once.\n".encode()
 
     def ask(number: int, frame: object) -> None:
         if request.made:
             raise KeyboardInterrupt
         request.made = True
-        os.write(2, b"drl-av: stopping after this episode; Ctrl-C again stops at once.\n")
+        os.write(2, said)
 
     former = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

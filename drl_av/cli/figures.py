@@ -217,15 +217,25 @@ def _require_one_traffic(tables: Sequence[Path]) -> None:
 
 
 def _require_distinct(rows: Iterable[Mapping[str, Any]]) -> None:
-    """Raise ConfigError if there are two episodes of one driver in the same traffic.
+    """Raise ConfigError if a curve would mix the checks, or repeat the traffic, of one driver.
 
-    Rows without ``seed`` are not examined.
+    Rows without ``seed`` are not examined for their traffic.
     """
+    rows = list(rows)
+    checks = dict[str, str]()
+    for row in rows:
+        driver, its = row["driver"], row["safety_check"]
+        if (first := checks.setdefault(driver, its)) != its:
+            raise ConfigError(
+                f"There are rows of {driver} under the checks {first} and {its}, and a curve would "
+                f"mix them: draw them apart, or evaluate {driver}@{first} and {driver}@{its} "
+                "together."
+            )
     episodes = Counter((r["driver"], r["vehicles"], r["seed"]) for r in rows if "seed" in r)
     for (driver, vehicles, seed), times in episodes.items():
         if times > 1:
             raise ConfigError(
                 f"There are {times} rows of {driver} with seed {seed:g} among "
-                f"{pluralize(int(vehicles), 'vehicle')}, for example under several checks, and a "
-                "curve would mix them: draw the rows of one evaluation at a time."
+                f"{pluralize(int(vehicles), 'vehicle')}, and a curve would mix them: draw the "
+                "rows of one evaluation at a time."
             )

@@ -75,9 +75,9 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 
 def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
-    from drl_av.learning.run_folder import Run, open_training, require_tensorboard
+    from drl_av.learning.run_folder import Run, open_training
+    from drl_av.learning.tensorboard import require_tensorboard
 
-    _require_folder(options.out)
     if options.tensorboard:
         require_tensorboard()
     if options.seeds:
@@ -106,7 +106,7 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
     _require_options_of_ppo(options, "resume")
     done, updates = 0, config.ppo.decisions // config.ppo.batch_size
     with (
-        stop_request() as stop,
+        stop_request("update") as stop,
         progress_bar("training, updates", updates) as bar,
         closing(train_at_scale(options.out, config)) as training,
     ):
@@ -179,9 +179,9 @@ def adapt(options: argparse.Namespace) -> int:
     from drl_av.drivers.masked_policy import is_actor
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
-    from drl_av.learning.run_folder import Run, open_training, require_tensorboard, warm_start
+    from drl_av.learning.run_folder import Run, open_training, warm_start
+    from drl_av.learning.tensorboard import require_tensorboard
 
-    _require_folder(options.out)
     if options.tensorboard:
         require_tensorboard()
     if options.resume and options.run is not None:
@@ -204,15 +204,17 @@ def adapt(options: argparse.Namespace) -> int:
         )
     config = _adaptation_config(options, Run(options.out), spec)
 
+    custom, resume = custom_parts(options), options.resume
+
     def prepare(training: "Training") -> None:
-        if not warm_start(training, policy) and config.learning.learning_rate > 0:
+        reward = custom.words().get("reward", "")
+        if not warm_start(training, policy, reward) and config.learning.learning_rate > 0:
             print(
                 f"drl-av: {word} comes without the experience of its training: it learns "
                 f"from {config.learning.collisions_to_start} collision rows on.",
                 file=sys.stderr,
             )
 
-    custom, resume = custom_parts(options), options.resume
     with open_training(options.out, config, custom, resume=resume, prepare=prepare) as opened:
         return _run("adapt", *opened, options, "idm" if resume else word)
 
@@ -281,7 +283,8 @@ def _run(
         return INTERRUPTED
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {pluralize(episodes, 'episode')}; compare it with the driver {rival}:")
-    print(shlex.join(["drl-av", "evaluate", _driver_in(run.folder), rival]))
+    check = [word for word in _parts(options) if word.startswith("--safety-check=")]
+    print(shlex.join(["drl-av", "evaluate", _driver_in(run.folder), rival, *check]))
     return 0
 
 
@@ -293,17 +296,6 @@ def _driver_in(folder: Path) -> str:
     return f"./{word}" if word in driver_names() or word.startswith("-") else word
 
 
-def _require_folder(out: Path) -> None:
-    """Raise RunError if a run's folder would look like the file of another driver."""
-    from drl_av.drivers.registry import DRIVER_FILES
-
-    if out.suffix.lower() in DRIVER_FILES:
-        raise RunError(
-            f"--out is {out}, but a run's folder cannot end in {out.suffix}, which names a file: "
-            "choose another name."
-        )
-
-
 def _parts(options: argparse.Namespace) -> list[str]:
     """Return the options of the command line that name the user's own parts, as words."""
     words = custom_parts(options).words()
@@ -313,7 +305,8 @@ def _parts(options: argparse.Namespace) -> list[str]:
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
     """Train with a progress bar; return True after the last episode, False after a stop."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
-    from drl_av.learning.run_folder import tensorboard_writer, train
+    from drl_av.learning.run_folder import train
+    from drl_av.learning.tensorboard import tensorboard_writer
 
     total, done = training.config.learning.episodes, training.episodes_done
     with (

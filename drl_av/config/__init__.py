@@ -117,11 +117,7 @@ def from_toml(text: str, base: Config | None = None, name: str = "config") -> Co
         ConfigError: the text is not valid TOML, a section or key is unknown, or a value has a wrong
             type or is out of bounds.
     """
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{name} is not valid TOML: {error}.") from error
-    return from_sections(document, base, name)
+    return from_sections(_document(text, name), base, name)
 
 
 def from_sections(
@@ -163,31 +159,63 @@ def from_sections(
 def with_files(config: Config, paths: Iterable[str | Path]) -> Config:
     """Return the config with the settings of TOML files, each laid over those before it.
 
-    A path may be a single setting instead, such as ``traffic.vehicles_max=10``. Raises ConfigError
-    as ``load_config`` does.
+    A path may be a single setting instead, such as ``traffic.vehicles_max=10``. Settings that do
+    not fit the config may fit it together with those after them. Raises ConfigError as
+    ``load_config`` does.
     """
+    waiting: dict[str, Any] = {}
+    refusal: ConfigError | None = None
     for path in paths:
         is_setting = isinstance(path, str) and SETTING.match(path) and not Path(path).exists()
-        config = _with_setting(str(path), config) if is_setting else load_config(path, config)
+        found = _setting(str(path)) if is_setting else _document(_text(path), str(path))
+        waiting = _laid_over(waiting, found)
+        try:
+            config, waiting, refusal = _in(str(path), waiting, config), {}, None
+        except ConfigError as error:
+            refusal = refusal or error
+    if refusal is not None:
+        raise refusal
     return config
+
+
+def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return sections with the settings of others laid over theirs."""
+    found = dict(below)
+    for section, settings in above.items():
+        both = isinstance(settings, Mapping) and isinstance(found.get(section), Mapping)
+        found[section] = {**found[section], **settings} if both else settings
+    return found
 
 
 SETTING = re.compile(r"(\w+)\.(\w+)=(.*)", re.DOTALL)
 """The form of a single setting: SECTION.KEY=VALUE, where VALUE is TOML or a text."""
 
 
-def _with_setting(word: str, config: Config) -> Config:
-    """Return the config with one setting; raise ConfigError if it is wrong."""
+def _setting(word: str) -> dict[str, Any]:
+    """Return the section of a single setting."""
     found = SETTING.fullmatch(word)
     assert found is not None
     section, key, text = found.groups()
     value: object = text
     with contextlib.suppress(ValueError, RecursionError):
         value = tomllib.loads(f"value = {text}")["value"]
+    return {section: {key: value}}
+
+
+def _document(text: str, name: str) -> dict[str, Any]:
+    """Return the sections of a TOML text; raise ConfigError if it is not valid."""
     try:
-        return from_sections({section: {key: value}}, config, word)
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{name} is not valid TOML: {error}.") from error
+
+
+def _in(name: str, sections: Mapping[str, Any], base: Config | None) -> Config:
+    """Return what ``from_sections`` does; its errors contain ``name``."""
+    try:
+        return from_sections(sections, base, name)
     except ConfigError as error:
-        raise ConfigError(str(error) if word in str(error) else f"In {word}: {error}") from error
+        raise ConfigError(str(error) if name in str(error) else f"In {name}: {error}") from error
 
 
 MOST_CHARACTERS = 1_000_000
@@ -205,6 +233,11 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
     """
     if path is None:
         return base or Config()
+    return _in(str(path), _document(_text(path), str(path)), base)
+
+
+def _text(path: str | Path) -> str:
+    """Return the text of a TOML file; raise ConfigError if it cannot be read or is too large."""
     try:
         with Path(path).open(encoding="utf-8-sig") as file:
             text = file.read(MOST_CHARACTERS + 1)
@@ -223,9 +256,4 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
             f"The config file {path} has more than {MOST_CHARACTERS} characters: name a TOML file "
             "of settings."
         )
-    try:
-        return from_toml(text, base, str(path))
-    except ConfigError as error:
-        raise ConfigError(
-            str(error) if str(path) in str(error) else f"In {path}: {error}"
-        ) from error
+    return text

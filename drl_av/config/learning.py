@@ -45,7 +45,7 @@ class LearningConfig(Section):
     """
 
     algorithm: str = setting("double-dqn", choices=ALGORITHMS)
-    seed: int = setting(0, low=0, high=2**32)
+    seed: int = setting(0, low=0, high=2**32 - 1)
     episodes: int = setting(10_000, low=1, high=10_000_000)
     discount: float = setting(0.9, low=0, high=1)
     learning_rate: float = setting(1e-4, low=0, high=1)

@@ -63,7 +63,9 @@ def preset(name: str) -> Config:
 
 
 def as_config(
-    given: Config | Mapping[str, Any] | str | Path | None, base: Config | None = None
+    given: Config | Mapping[str, Any] | str | Path | None,
+    base: Config | None = None,
+    traffic: str | None = None,
 ) -> Config:
     """Convert the argument ``config`` of the public functions and environments to a Config.
 
@@ -72,17 +74,21 @@ def as_config(
             {key: value}}``, or None. A file or a dictionary replaces settings of ``base``; None
             returns ``base``.
         base: The config to start from; by default the paper's settings.
+        traffic: The kind of traffic, if it is named beside the config: it replaces the traffic of a
+            Config, a preset or ``base``, and a file or a dictionary may change its settings.
 
     Raises:
         ConfigError: ``given`` is none of these, or a setting is unknown, has a wrong type or is out
             of bounds.
     """
+    if isinstance(given, str) and given in PRESETS:
+        given = PRESETS[given]
     if isinstance(given, Config):
-        return given
+        given, base = None, given
+    if traffic is not None:
+        base = (base or Config()).with_traffic(traffic)
     if isinstance(given, Mapping):
         return from_sections(given, base)
-    if isinstance(given, str) and given in PRESETS:
-        return PRESETS[given]
     is_file = isinstance(given, Path) or (isinstance(given, str) and os.path.exists(given))
     if given is None or is_file:
         return load_config(given, base)

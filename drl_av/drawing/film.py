@@ -3,7 +3,7 @@
 import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -164,9 +164,11 @@ def _even(frame: Picture) -> Picture:
 def _write_gif(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
     """Write a .gif file to ``temporary``; return the number of frames. Errors name ``path``."""
     images = [_indexed(_first(frames, path)), *map(_indexed, frames)]
+    ends_cs = [round(100 * count / fps) for count in range(len(images) + 1)]  # GIF's unit is 10 ms
+    durations_ms = [10 * (end - begin) for begin, end in pairwise(ends_cs)]
     with _encoding(path):
         images[0].save(
-            temporary, save_all=True, append_images=images[1:], duration=round(1000 / fps), loop=0
+            temporary, save_all=True, append_images=images[1:], duration=durations_ms, loop=0
         )
     return len(images)
 

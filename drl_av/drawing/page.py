@@ -33,6 +33,8 @@ class PageDecision:
     r_x: float
     values: list[float] | None
     """The driver's values of the 12 actions; None if the driver has none."""
+    changes_lane: bool
+    """Whether a lane change of the ego begins."""
     collision: str | None
     """The kind of the ego's collision in words; None without a collision."""
 
@@ -80,10 +82,12 @@ def write_page(path: Path, road: Road, episodes: Sequence[PageEpisode]) -> None:
 
 
 def _episode(episode: PageEpisode) -> dict[str, Any]:
-    sizes = _sizes(episode.snapshots)
+    shots = episode.snapshots
+    sizes = _sizes(shots)
     return vars(episode) | {
+        "times": [round(shot.time_s - shots[0].time_s, 3) for shot in shots],
         "sizes": [*sizes.values()],
-        "frames": [_frame(snapshot, [*sizes]) for snapshot in episode.snapshots],
+        "frames": [_frame(snapshot, [*sizes]) for snapshot in shots],
         "decisions": [vars(decision) for decision in episode.decisions],
         "snapshots": None,
     }

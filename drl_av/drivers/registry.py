@@ -285,15 +285,14 @@ def driving_config(
     """Return the config of an environment for these drivers.
 
     ``given`` is the argument ``config`` of the public functions. A dictionary or a TOML file
-    changes settings of ``default_config``, in the kind of traffic ``traffic`` if there is one. A
-    Config or a preset replaces all settings.
+    changes settings of ``default_config``, a Config or a preset replaces them all; ``traffic``, if
+    there is one, is the kind of traffic.
 
     Raises:
         ConfigError: ``given`` is no config, or a setting in it is wrong.
         RunError, CheckpointError: as ``default_config``.
     """
-    own = default_config(specs)
-    return as_config(given, own if traffic is None else own.with_traffic(traffic))
+    return as_config(given, default_config(specs), traffic)
 
 
 def make_drivers(

@@ -7,6 +7,7 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.functions import require_function
+from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver, require_methods
 from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, make_drivers
@@ -85,6 +86,8 @@ def attach(
         check = safety_check
     if isinstance(driver, str | Path):
         [driver] = make_drivers(specs, settings, check).values()
+    elif settings.driver.hold_s:
+        driver = SteadyDriver(driver, check, settings)
     if isinstance(driver, SumoDriver):
         raise ConfigError("SUMO drives the vehicle already: attach a driver that has actions.")
     return AttachedEgo(around, driver, check, settings)

@@ -41,8 +41,10 @@ def twin_of(whose: str, instead: str, config: Config, **arguments: Any) -> TwinV
     try:
         return TwinVectorEnv(config=config, autoreset_mode=AutoresetMode.DISABLED, **arguments)
     except ConfigError as error:
-        reason = str(error).partition(":")[0]
-        raise ConfigError(f"{whose} in the twin. {reason}: {instead}.") from error
+        reason = str(error)
+        if "drive in SUMO" in reason:
+            reason = f"{reason.partition(':')[0]}: {instead}."
+        raise ConfigError(f"{whose} in the twin. {reason}") from error
 
 
 def copy_episode(

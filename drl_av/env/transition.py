@@ -1,6 +1,5 @@
 """One decision of an episode as one record: ``HighwayEnv`` makes it, all other parts read it."""
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -79,13 +78,20 @@ RewardFunction = Callable[[Transition], float]
 """The user's reward of a transition, whose field ``reward`` is that of the paper."""
 
 
+MOST_REWARD = 1e9
+"""The largest size of a reward, from which single precision still learns."""
+
+
 def custom_reward(function: RewardFunction, transition: Transition) -> float:
     """Return the reward of a transition that the user's own function computes.
 
     Raises:
-        ConfigError: the function does not return a finite number.
+        ConfigError: the function does not return a finite number, or more than ``MOST_REWARD``.
     """
     reward = function(transition)
-    if isinstance(reward, int | float | np.number) and math.isfinite(reward):
+    if isinstance(reward, int | float | np.number) and abs(reward) <= MOST_REWARD:
         return float(reward)
-    raise ConfigError(f"The reward function returned {reward!r}, but must return a finite number.")
+    raise ConfigError(
+        f"The reward function returned {reward!r}, but must return a finite number of at most "
+        f"{MOST_REWARD:g}."
+    )

@@ -77,6 +77,10 @@ class Recording:
 
     def save(self, path: Path) -> None:
         """Write the recording to a .npz file atomically; raises DrlAvError if the write fails."""
+        write_atomic(path, self.to_bytes())
+
+    def to_bytes(self) -> bytes:
+        """Return the bytes of the recording's .npz file."""
         parts: dict[str, Any] = {
             "config": np.array(self.config.to_toml()),
             "driver": np.array(self.driver),
@@ -89,7 +93,7 @@ class Recording:
             parts["ego_model"] = np.array(self.ego_model, dtype=np.float64)
         data = io.BytesIO()
         np.savez_compressed(data, **parts, sha256=np.array(_checksum(parts)))
-        write_atomic(path, data.getvalue())
+        return data.getvalue()
 
 
 def _checksum(parts: Mapping[str, npt.NDArray[Any]]) -> str:
@@ -275,9 +279,21 @@ class RecordingFolder(NamedTuple):
         return self.folder / f"{driver}-{result.vehicles}-{result.seed}.npz"
 
     def keep(self, recording: Recording, result: EpisodeResult) -> None:
-        """Save a recording, if it is wanted; raises DrlAvError if the write fails."""
-        if not self.failures_only or is_failure(result):
-            recording.save(self.file(result))
+        """Save a recording, if it is wanted.
+
+        Raises:
+            RecordingError: the folder has a recording of another such episode.
+            DrlAvError: the write fails.
+        """
+        if self.failures_only and not is_failure(result):
+            return
+        file, data = self.file(result), recording.to_bytes()
+        if file.exists() and file.read_bytes() != data:
+            raise RecordingError(
+                f"{file} is the recording of another episode, for example with other settings: "
+                "name another folder, or remove it."
+            )
+        write_atomic(file, data)
 
 
 def is_failure(result: EpisodeResult) -> bool:

@@ -3,7 +3,7 @@
 import io
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -83,6 +83,7 @@ class PageRecorder:
             reward=decision.reward,
             **decision.terms._asdict(),
             values=self._values(decision),
+            changes_lane=_begins_lane_change(decision),
             collision=None if decision.collision is None else decision.collision.kind.value,
         )
         self.episode.decisions.append(made)
@@ -96,6 +97,11 @@ class PageRecorder:
             case _:
                 return None
         return [float(value) for value in values]
+
+
+def _begins_lane_change(decision: Transition) -> bool:
+    before, after = decision.scene, decision.next_scene
+    return after.lane_change is not None and {*before.lanes} != {*after.lanes}
 
 
 @dataclass(frozen=True)
@@ -224,7 +230,7 @@ def worst_sessions(
     given = _given(word, table, [*dict.fromkeys(row.driver for row in results)])
     chosen = [row for row in results if word is None or row.driver in given]
     worst = sorted(chosen, key=lambda row: sign * getattr(row, column))[:count]
-    specs = _specs(dict.fromkeys(row.driver for row in worst), given)
+    specs = _specs({row.driver: row.group for row in worst}, given)
     check = None if custom.safety_check is None else custom_check(custom.safety_check, config)
     drivers = make_drivers(list(specs.values()), config, check)
     sessions = []
@@ -251,17 +257,22 @@ def _given(word: str | None, table: Path, names: Sequence[str]) -> dict[str, Dri
     return given
 
 
-def _specs(names: Iterable[str], given: Mapping[str, DriverSpec]) -> dict[str, DriverSpec]:
-    """Return the drivers of a table by name, those that are ``given`` among them."""
-    try:
-        return {
-            name: replace(given[name] if name in given else find_drivers([name])[0], name=name)
-            for name in names
-        }
-    except ConfigError as error:
-        raise ConfigError(
-            f"{error.args[0][:-1]}: name the table's driver with --driver."
-        ) from error
+def _specs(groups: Mapping[str, str], given: Mapping[str, DriverSpec]) -> dict[str, DriverSpec]:
+    """Return the drivers of a table by name, those that are ``given`` among them.
+
+    ``groups`` has the name of each driver's group; "" or the driver's name if it is in none.
+    """
+    found = {}
+    for name, group in groups.items():
+        try:
+            spec = given[name] if name in given else find_drivers([name])[0]
+        except ConfigError as error:
+            how = "name the table's driver with --driver"
+            if group not in ("", name):
+                how = f"name the group as in the evaluation, --driver '{group}=PATTERN'"
+            raise ConfigError(f"{error.args[0][:-1]}: {how}.") from error
+        found[name] = replace(spec, name=name)
+    return found
 
 
 class CriticalMoment:

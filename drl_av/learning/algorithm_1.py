@@ -247,10 +247,11 @@ class Training:
         ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)
         if (placed := fleet.placed) is not None:
             ends = placed, placed
-        numbers = np.linspace(*ends, self._config.evaluation_episodes).round()
+        episodes = self._config.evaluation_episodes
+        numbers = np.linspace(*ends, episodes) if episodes > 1 else np.mean([ends], axis=1)
         results = [
             drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
-            for i, vehicles in enumerate(numbers)
+            for i, vehicles in enumerate(numbers.round())
         ]
 
         def mean(name: str) -> float:

@@ -1,18 +1,19 @@
 """The folder of a run (settings, tables, checkpoint, policy): writes and reads it, trains in it."""
 
-import importlib.util
 import os
 import re
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from drl_av.config import Config, PpoConfig, from_toml, load_config
 from drl_av.config.reference import annotated_toml
 from drl_av.drivers.policy_file import load, load_policy, save, save_policy
+from drl_av.drivers.registry import DRIVER_FILES
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, custom_inputs
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
@@ -116,7 +117,9 @@ class Run:
                 f"{self.checkpoint_file} holds no training of this version ({error!r}): "
                 "take an older copy, or begin a new run."
             ) from error
-        self._require_parts(begun, training.config)
+        self._parts = custom_inputs(training.config, self._custom)
+        if training.episodes_done:
+            self._require_parts(begun, training.config)
         for name, size in sizes.items():
             self._require_rows(self.folder / name, size, training.episodes_done)
         for name, size in sizes.items():
@@ -127,12 +130,11 @@ class Run:
 
     def _require_parts(self, begun: Mapping[str, str], config: Config) -> None:
         """Raise RunError unless scenario and user's parts are those of the training's beginning."""
-        self._parts = custom_inputs(config, self._custom)
         for name, now in self._parts.items():
             was, option = begun.get(name, ""), "--" + name.replace("_", "-")
             if was == now:
                 continue
-            word, now_word = (re.sub(" [0-9a-f]{64}$", "", each) for each in (was, now))
+            word, now_word = _without_digest(was), _without_digest(now)
             if name == "scenario":
                 reason = f"other files of the scenario {config.simulation.scenario}: put them back"
             elif not was:
@@ -192,7 +194,15 @@ class Run:
 
 
 def require_new(folder: Path, remedy: str = "") -> None:
-    """Raise RunError if a run's folder has files already; ``remedy`` is what else one may do."""
+    """Raise RunError if a run's folder has files already, or looks like the file of a driver.
+
+    ``remedy`` is what else one may do if it has files.
+    """
+    if folder.suffix.lower() in DRIVER_FILES:
+        raise RunError(
+            f"{folder} names a file, but a run's folder cannot end in {folder.suffix}: choose "
+            "another name."
+        )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RunError(f"{folder} exists already: {remedy}choose another folder with --out.")
 
@@ -207,6 +217,11 @@ def refusals_to_make(folder: Path) -> Iterator[None]:
             f"The run folder {folder} cannot be made ({error.strerror}): choose another folder "
             "with --out."
         ) from error
+
+
+def _without_digest(part: str) -> str:
+    """Return the word of one of the user's own parts, as the command line has it."""
+    return re.sub(" [0-9a-f]{64}$", "", part)
 
 
 def _fits(stored: str, config: Config) -> bool:
@@ -229,6 +244,15 @@ def _refusals_of(file: Path) -> Iterator[None]:
         ) from error
 
 
+def require_no_hold(config: Config) -> None:
+    """Raise ConfigError if the settings hold speeds and lane changes, which no training does."""
+    if config.driver.hold_s:
+        raise ConfigError(
+            f"driver.hold_s is {config.driver.hold_s:g}, but a training would ignore it: leave it "
+            "out, and give it to evaluate or replay."
+        )
+
+
 @contextmanager
 def open_training(
     folder: Path,
@@ -247,6 +271,7 @@ def open_training(
         RunError: the folder is not new, cannot be made, or another process trains in it.
         CheckpointError: the checkpoint is damaged or of other settings, or cannot be written.
     """
+    require_no_hold(config)
     run, usual = Run(folder, custom), asdict(PpoConfig())
     if others := [name for name, value in asdict(config.ppo).items() if value != usual[name]]:
         raise ConfigError(
@@ -270,11 +295,17 @@ def train(run: Run, training: Training) -> Iterator[Progress]:
     """Train to the last episode, with evaluations and checkpoints; yield the rows of each episode.
 
     The rows are in the CSV files before they are yielded. Raises RunError or CheckpointError if a
-    file cannot be written.
+    file cannot be written, and DrlAvError if the training diverges; its last checkpoint stays.
     """
     config = training.config.learning
     while training.episodes_done < config.episodes:
         row, evaluation = training.run_episode(), None
+        if not np.isfinite(training.network.flat).all():
+            raise DrlAvError(
+                f"The training diverged in episode {training.episodes_done}: its weights are no "
+                "finite numbers any more. The last checkpoint stays; begin a new run with a "
+                "smaller learning.learning_rate, or with smaller rewards."
+            )
         run.append(run.episodes_file, row)
         last = training.episodes_done == config.episodes
         if training.episodes_done % config.evaluate_every == 0 or last:
@@ -289,15 +320,16 @@ def train(run: Run, training: Training) -> Iterator[Progress]:
         run.save(training)
 
 
-def warm_start(training: Training, policy_file: Path) -> bool:
+def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
     """Load a trained driver into a new training, in place; return whether experience was loaded.
 
     If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training gets
     the checkpoint's network, target network, Adam moments and experience (returns True).
     Otherwise the online and the target network are copies of the policy's network, and the
-    buffers stay empty (returns False).
+    buffers stay empty (returns False). ``reward`` is the word of the user's own reward, if any.
 
     Raises:
+        RunError: the experience has the rewards of another function than ``reward``.
         CheckpointError: a file is damaged, or does not fit the settings of this training.
     """
     tensors, numbers = training.state()
@@ -307,71 +339,17 @@ def warm_start(training: Training, policy_file: Path) -> bool:
         tensors, found = load(checkpoint_file)
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
+        was = _without_digest(found["custom"].get("reward", ""))
+        if was != reward:
+            how, remedy = f"with --reward {was}", "give it again"
+            if not was:
+                how, remedy = "without --reward", "leave it out"
+            raise RunError(
+                f"{policy_file.parent} was trained {how}, and its experience has those rewards: "
+                f"{remedy}, or move {checkpoint_file.name} away to adapt without that experience."
+            )
     else:
         network, _ = load_policy(policy_file)
         tensors |= {"learner.online": network.flat, "learner.target": network.flat}
     training.restore(tensors, numbers)
     return experienced
-
-
-def require_tensorboard() -> None:
-    """Raise DrlAvError if the package tensorboard is not installed."""
-    if importlib.util.find_spec("tensorboard") is None:
-        raise DrlAvError(
-            "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."
-        )
-
-
-@contextmanager
-def tensorboard_writer(
-    folder: Path | None, episodes_done: int
-) -> Iterator[Callable[[Progress], None]]:
-    """Yield a function that writes the table rows of an episode as TensorBoard scalars.
-
-    The scalars are ``episode/COLUMN`` and ``evaluation/COLUMN``. If ``folder`` is None, the
-    function does nothing. If an interrupted training has already written scalars of episodes after
-    ``episodes_done``, TensorBoard discards them. Raises RunError if the folder cannot be written.
-    """
-    if folder is None:
-        yield lambda progress: None
-        return
-    from torch.utils.tensorboard import SummaryWriter
-
-    hook = threading.excepthook
-    _quiet_refusal(hook)
-    with _refusals_of_tensorboard(folder):
-        writer = SummaryWriter(str(folder), purge_step=episodes_done + 1)
-
-    def write(progress: Progress) -> None:
-        for group, row in (("episode", progress.episode), ("evaluation", progress.evaluation)):
-            for name, value in asdict(row).items() if row else ():
-                with _refusals_of_tensorboard(folder):
-                    writer.add_scalar(f"{group}/{name}", value, progress.episode.episode)
-
-    try:
-        yield write
-    finally:
-        with _refusals_of_tensorboard(folder):
-            writer.close()
-        threading.excepthook = hook
-
-
-def _quiet_refusal(hook: Callable[[threading.ExceptHookArgs], object]) -> None:
-    """Do not print an OSError of TensorBoard's thread, because ``add_scalar`` raises it again."""
-
-    def report(problem: threading.ExceptHookArgs) -> None:
-        if not isinstance(problem.exc_value, OSError):
-            hook(problem)
-
-    threading.excepthook = report
-
-
-@contextmanager
-def _refusals_of_tensorboard(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise RunError(
-            f"The TensorBoard events in {folder} cannot be written ({error.strerror or error}): "
-            "free some space, or continue with --resume and without --tensorboard."
-        ) from error

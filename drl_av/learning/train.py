@@ -9,8 +9,9 @@ from drl_av.config.presets import as_config
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, with_check
 from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError
-from drl_av.learning.run_folder import open_training, tensorboard_writer
+from drl_av.learning.run_folder import open_training
 from drl_av.learning.run_folder import train as train_run
+from drl_av.learning.tensorboard import tensorboard_writer
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
 
@@ -47,8 +48,7 @@ def train(
         RunError, CheckpointError: the folder is not new, or cannot be written.
         SimulationError: SUMO ended unexpectedly; ``drl-av train --resume`` continues.
     """
-    base = Config() if traffic is None else Config().with_traffic(traffic)
-    settings = with_scenario(as_config(config, base), scenario, traffic)
+    settings = with_scenario(as_config(config, traffic=traffic), scenario, traffic)
     settings, own_check = with_check(settings, safety_check)
     given = {"episodes": episodes, "seed": seed}
     given = {name: value for name, value in given.items() if value is not None}

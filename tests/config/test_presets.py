@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import drl_av
-from drl_av.config import Config
+from drl_av.config import Config, with_files
 from drl_av.config.presets import as_config, preset
 from drl_av.errors import ConfigError
 
@@ -122,3 +122,29 @@ def test_what_is_no_config_is_refused_with_all_that_would_be(given: Any) -> None
         as_config(given)
     assert repr(given) in str(caught.value)
     assert ("did you mean 'large'" in str(caught.value)) == (given == "largge")
+
+
+def test_traffic_beside_a_preset_or_a_config_replaces_its_traffic() -> None:
+    calm = Config().with_traffic("calm").traffic
+    for given in ("literal", preset("literal"), {}, None):
+        assert as_config(given, traffic="calm").traffic == calm
+    assert as_config("literal", traffic="calm").reward == preset("literal").reward
+    assert as_config("large", traffic="calm").traffic.presets == ()
+    changed = as_config({"traffic": {"hard_braking_share": 0.5}}, traffic="calm")
+    assert changed.traffic.hard_braking_share == 0.5
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_settings_that_fit_together_are_taken_in_any_order(order: int, tmp_path: Path) -> None:
+    pair = ["traffic.vehicles_min=40", "traffic.vehicles_max=50"][::order]
+    files = []
+    for number, word in enumerate(pair):
+        file = tmp_path / f"{number}.toml"
+        section, rest = word.split(".")
+        file.write_text(f"[{section}]\n{rest}\n")
+        files.append(file)
+    for given in (pair, files):
+        found = with_files(Config(), given).traffic
+        assert (found.vehicles_min, found.vehicles_max) == (40, 50)
+    with pytest.raises(ConfigError, match=r"In traffic.vehicles_min=40: .*they are 40, 30"):
+        with_files(Config(), ["traffic.vehicles_min=40", "safety.check=strict"])

@@ -213,6 +213,18 @@ def test_gif_has_every_frame_and_its_time(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_gif_is_as_long_as_its_episode_though_it_counts_in_hundredths(tmp_path: Path) -> None:
+    path = tmp_path / "ride.gif"
+    write_video(path, frames(11), fps=11)  # 90.9 ms each
+    with Image.open(path) as image:
+        durations = []
+        for frame in range(11):
+            image.seek(frame)
+            durations.append(image.info["duration"])
+    assert sum(durations) == 1000
+    assert set(durations) == {90, 100}
+
+
 @pytest.mark.parametrize("name", ["ride.mp4", "ride.gif"])
 def test_frames_that_fail_leave_the_former_video_and_no_pieces(tmp_path: Path, name: str) -> None:
     path = tmp_path / name

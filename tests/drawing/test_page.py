@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,20 +16,25 @@ from drl_av.drawing.canvas import EGO_COLOR
 from drl_av.drawing.page import PageDecision, PageEpisode, write_page
 
 RED = (255, 92, 108)
-KEEP = PageDecision(0, 0, "none", -0.1, -0.2, -0.1, 0.0, [float(n) for n in range(12)], None)
-BRAKE = PageDecision(1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0, None, "ego hit the vehicle </script>")
+KEEP = PageDecision(0, 0, "none", -0.1, -0.2, -0.1, 0.0, [float(n) for n in range(12)], False, None)
+BRAKE = PageDecision(
+    1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0, None, False, "ego hit the vehicle </script>"
+)
 
 
 @pytest.fixture
 def page(tmp_path: Path) -> Path:
     """Two decisions: the ego follows a vehicle 20 m ahead, and one drives in the left lane."""
-    shots = [snapshot(ahead(20.0), Car(-10.0, LEFT), s_m=s_m) for s_m in (480.0, 500.0, 20.0)]
+    shots = [
+        snapshot(ahead(20.0), Car(-10.0, LEFT), s_m=s_m, time_s=30.0 + k)
+        for k, s_m in enumerate((480.0, 500.0, 20.0))
+    ]
     episode = PageEpisode("a <story>", snapshots=shots, decisions=[KEEP, BRAKE])
     write_page(tmp_path / "page.html", ROAD, [episode])
     return tmp_path / "page.html"
 
 
-def browser(page: Path, moment_s: float, *options: str) -> str:
+def browser(page: Path, moment_s: float | str, *options: str) -> str:
     """What headless Chromium prints of the page at a moment of the episode."""
     program = shutil.which("chromium")
     if program is None:
@@ -54,11 +60,11 @@ def test_a_rule_and_a_collision_are_shown_and_text_cannot_end_the_script(page: P
     shown = browser(page, 2.0, "--dump-dom")
     assert re.search(r"alarm\"><td>executed</td><td>hard brake, keep lane", shown)
     assert "ego hit the vehicle &lt;/script&gt;" in shown
-    assert "this driver has none" in shown
+    assert "not shown for this driver" in shown
 
 
 def test_the_facts_and_the_events_are_on_the_page(page: Path) -> None:
-    shots = [snapshot(ahead(20.0), s_m=100.0 + 20 * k) for k in range(21)]
+    shots = [snapshot(ahead(20.0), s_m=100.0 + 20 * k, time_s=k) for k in range(21)]
     decisions = [BRAKE if k == 9 else KEEP for k in range(20)]
     facts = "safety check: strict"
     write_page(page, ROAD, [PageEpisode("drive", facts, "Q-values", shots, decisions)])
@@ -93,8 +99,8 @@ def test_the_page_is_one_file_that_names_no_other(page: Path) -> None:
 
 
 def test_two_episodes_share_the_time_bar_and_the_one_that_ended_says_when(page: Path) -> None:
-    whole = [snapshot(ahead(20.0), s_m=480.0 + 20 * k) for k in range(6)]
-    slow = [snapshot(ahead(20.0), s_m=480.0 + 10 * k, speed_m_s=10.0) for k in range(4)]
+    whole = [snapshot(ahead(20.0), s_m=480.0 + 20 * k, time_s=k) for k in range(6)]
+    slow = [snapshot(ahead(20.0), s_m=480.0 + 10 * k, speed_m_s=10.0, time_s=k) for k in range(4)]
     one = PageEpisode("whole", "under strict", "Probabilities", whole, [KEEP] * 5)
     other = PageEpisode("short", snapshots=slow, decisions=[KEEP, KEEP, BRAKE])
     write_page(page, ROAD, [one, other])
@@ -103,8 +109,34 @@ def test_two_episodes_share_the_time_bar_and_the_one_that_ended_says_when(page: 
     assert "4.0 s of 5 s" in shown
     assert "20.0 m/s; so far 80 m<" in shown  # over the end of the loop of 500 m
     assert "10.0 m/s; so far 30 m; ended at 3 s<" in shown
-    assert re.search(r"of whole<.*Probabilities<.*of short<.*this driver has none<", shown, re.S)
+    assert re.search(
+        r"of whole<.*Probabilities<.*of short<.*not shown for this driver<", shown, re.S
+    )
     assert shown.count('class="events"') == 2
+
+
+def test_a_collision_after_half_a_decision_is_shown_when_it_happens(page: Path) -> None:
+    shots = [snapshot(ahead(30.0 - 10 * t), s_m=100.0 + 20 * t, time_s=t) for t in (0.0, 1.0, 1.5)]
+    write_page(page, ROAD, [PageEpisode("hit", snapshots=shots, decisions=[KEEP, BRAKE])])
+    shown = browser(page, 1.5, "--dump-dom")
+    assert "1.5 s of 1.5 s" in shown
+    assert "so far 30 m<" in shown
+    assert "ego hit the vehicle" in shown
+    assert "so far 20 m<" in browser(page, 1.2, "--dump-dom")
+    for nonsense in ("-5", "abc"):  # the beginning, not an empty page
+        assert "0.0 s of 1.5 s" in browser(page, nonsense, "--dump-dom")
+
+
+def test_on_a_short_loop_the_road_goes_on_and_a_vehicle_is_seen_a_lap_away(page: Path) -> None:
+    loop = replace(ROAD, lap_m=80.0)
+    shots = [snapshot(ahead(40.0), s_m=20.0, time_s=t, road=loop) for t in (0.0, 1.0)]
+    write_page(page, loop, [PageEpisode("tiny", snapshots=shots, decisions=[KEEP])])
+    picture = page.with_name("page.png")
+    browser(page, 0.0, "--window-size=1200,760", f"--screenshot={picture}")
+    image = Image.open(picture).convert("RGB")
+    line = [image.getpixel((x, 147)) for x in range(25, 1175)]
+    assert line.count(EGO_COLOR) > 2 * 25  # it sees itself 80 m ahead and behind
+    assert line.count((0x1D, 0x23, 0x2A)) == 0  # asphalt all along, no empty ground
 
 
 def test_on_a_phone_the_page_is_not_wider_than_the_screen(page: Path) -> None:

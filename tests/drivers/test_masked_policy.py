@@ -26,7 +26,8 @@ from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError, ConfigError, RunError
-from drl_av.learning.large_scale import TwinWorlds, learner_of, train_at_scale
+from drl_av.learning.large_scale import learner_of, train_at_scale
+from drl_av.learning.twin_worlds import TwinWorlds
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, permit_all
 
 SMALL = (

@@ -97,3 +97,13 @@ def test_gymnasium_s_own_argument_cuts_an_episode_short() -> None:
     made.reset(seed=1, options={"vehicles": 0})
     assert [made.step(KEEP)[3] for _ in range(2)] == [False, True]
     made.close()
+
+
+def test_a_reward_that_single_precision_cannot_learn_is_refused() -> None:
+    env = HighwayEnv(reward=lambda _: 1e30)
+    start(env, 0)
+    with pytest.raises(
+        ConfigError, match=r"returned 1e\+30, but must return a finite number of at"
+    ):
+        env.step(KEEP)
+    env.close()

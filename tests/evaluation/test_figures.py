@@ -187,6 +187,19 @@ def test_episodes_of_one_driver_in_the_same_traffic_are_not_mixed_into_one_curve
     assert "2 rows of idm with seed 1 among 5 vehicles" in error_message(capsys)
 
 
+def test_one_driver_under_two_checks_is_not_one_curve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed, check in enumerate(("paper", "strict")):
+        lines = f"driver,vehicles,seed,safety_check,mean_speed_m_s\nidm,5,{seed},{check},20\n"
+        (tmp_path / check).write_text(lines)
+    tables = [str(tmp_path / name) for name in ("paper", "strict")]
+    assert main(["figures", *tables, "--out", str(tmp_path)]) == 1
+    said = error_message(capsys)
+    assert "rows of idm under the checks paper and strict" in said
+    assert "idm@paper and idm@strict" in said
+
+
 def test_a_run_without_an_evaluation_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -164,6 +164,17 @@ def test_the_page_of_a_recording_holds_its_places_and_decisions(
     assert all(decision["values"] is None for decision in data["decisions"])
 
 
+def test_the_page_marks_each_lane_change_once_where_it_begins(here: Path) -> None:
+    words = "replay gap-mobil --safety-check strict --vehicles 20 --seed 3 --decisions 200"
+    assert main([*words.split(), "--html", "page.html"]) == 0
+    [data] = page_data(Path("page.html"))
+    marks = [k for k, made in enumerate(data["decisions"]) if made["changes_lane"]]
+    y_m = [frame["y"][0] for frame in data["frames"]]
+    on_a_lane = [abs(y / 3.8 - round(y / 3.8)) < 0.02 for y in y_m]
+    assert marks == [k for k in range(200) if on_a_lane[k] and not on_a_lane[k + 1]]
+    assert len(marks) >= 2
+
+
 @pytest.mark.parametrize(
     ("driver", "are"), [("pretrained-paper", "Q-values"), ("pretrained", "Probabilities")]
 )

@@ -117,3 +117,33 @@ def test_of_two_drivers_with_one_last_name_the_path_names_one(here: Path) -> Non
     again = ["replay", "rows.csv", "--worst", "mean_reward", "--driver", "runs/b/mine"]
     assert main([*again, "--record", "worst.npz"]) == 0
     assert load_recording(Path("worst.npz")).driver == "runs/b/mine"
+
+
+def test_the_trainings_of_a_group_are_found_again_as_the_message_says(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seed in (1, 2):
+        run_folder(here / "moved" / f"seed-{seed}")
+    Path("tiny.toml").write_text(SHORT.to_toml())
+    words = ["evaluate", "mine=moved/seed-*", "--vehicles", "9", "--episodes", "1"]
+    assert main([*words, "--config", "tiny.toml", "--out", "rows.csv"]) == 0
+    capsys.readouterr()
+    again = ["replay", "rows.csv", "--worst", "mean_reward", "--html", "a.html"]
+    assert main(again) == 1
+    assert "name the group as in the evaluation, --driver 'mine=PATTERN'" in error_message(capsys)
+    assert main([*again, "--driver", "mine=moved/seed-*"]) == 0
+
+
+def test_the_recordings_of_another_evaluation_stay(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "1", "--record", "kept"]
+    words += ["-o", "simulation.decisions_per_episode=3"]
+    assert main(words) == 0
+    [file] = Path("kept").iterdir()
+    first = file.read_bytes()
+    assert main(words) == 0  # the same episode again
+    capsys.readouterr()
+    assert main([*words, "--safety-check", "strict"]) == 1
+    assert f"{file.name} is the recording of another episode" in error_message(capsys)
+    assert file.read_bytes() == first

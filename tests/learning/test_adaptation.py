@@ -274,3 +274,19 @@ def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> 
     with pytest.raises(CheckpointError, match="is not a training's"):
         warm_start(build_training(env), folder / "policy.safetensors")
     env.close()
+
+
+def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
+    quick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text("def one(transition):\n    return 1.0\n")
+    Path("trained.toml").write_text(TRAINED)
+    words = ["train", "--out", "paid", "--config", "trained.toml", "--reward", "mine:one"]
+    assert main(words) == 0
+    again = ["adapt", "paid", "--out", "on", "--config", quick]
+    capsys.readouterr()
+    assert main(again) == 1
+    assert "was trained with --reward mine:one" in error_message(capsys)
+    assert not Path("on").exists()
+    assert main([*again, "--reward", "mine:one"]) == 0

@@ -7,6 +7,7 @@ import signal
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 from nets import east
 from runs import INTERRUPT, KILL, disk_tape, error_message, files_of, interrupted, one_sentence
@@ -15,10 +16,10 @@ from drl_av.cli import main
 from drl_av.config import load_config
 from drl_av.drivers.policy_file import load, load_policy, save
 from drl_av.env.highway import HighwayEnv
-from drl_av.errors import RunError
+from drl_av.errors import DrlAvError, RunError
 from drl_av.learning import run_folder as module
 from drl_av.learning.algorithm_1 import build_training
-from drl_av.learning.run_folder import Run
+from drl_av.learning.run_folder import Run, open_training, train
 from drl_av.scenarios.folder import write_scenario
 
 EPISODES = 9
@@ -365,3 +366,47 @@ def test_tensorboard_events_that_find_the_disk_full_are_one_sentence(
     assert "without --tensorboard" in one_sentence(ended.stderr)
     assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
+
+
+def test_a_run_without_an_episode_can_be_corrected(
+    settings: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begun = [*command(tmp_path / "run"), "--config", settings]
+    assert main([*begun, "--sumo-options=--no-such-option 3"]) == 1
+    assert "--resume" in error_message(capsys)
+    assert main([*command(tmp_path / "run"), "--resume"]) == 0
+    assert (tmp_path / "run" / "episodes.csv").read_text().count("\n") == EPISODES + 1
+
+
+def test_a_training_that_diverges_stops_and_keeps_its_last_checkpoint(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = files_of(copy)
+    with open_training(copy, load_config(copy / "config.toml"), resume=True) as (run, training):
+        training.episodes_done -= 1
+        episode = training.run_episode
+
+        def diverging() -> object:
+            row = episode()
+            training.network.flat[3] = np.nan
+            return row
+
+        monkeypatch.setattr(training, "run_episode", diverging)
+        with pytest.raises(DrlAvError, match=f"diverged in episode {EPISODES}: its weights"):
+            next(train(run, training))
+    assert files_of(copy) == before
+
+
+def test_what_a_training_would_ignore_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, said in (
+        (["-o", "driver.hold_s=2"], "driver.hold_s is 2, but a training would ignore it"),
+        (["--preset", "large", "-o", "driver.hold_s=2"], "driver.hold_s is 2"),
+        (["--preset", "large", "-o", "reward.collision_reward=-30"], "reward.collision_reward"),
+        (["--preset", "large", "-o", "observation.gap_scale_m=50"], "observation.gap_scale_m"),
+        (["--preset", "large", "--seed", str(2**32)], "seed is 4294967296, but must be"),
+    ):
+        assert main([*command(tmp_path / "run"), *words]) == 1
+        assert said in error_message(capsys)
+        assert not (tmp_path / "run").exists()

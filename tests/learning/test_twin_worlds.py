@@ -12,7 +12,8 @@ from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
 from drl_av.errors import RunError
 from drl_av.files import locked
-from drl_av.learning.large_scale import Part, TwinWorlds, train_at_scale
+from drl_av.learning.large_scale import train_at_scale
+from drl_av.learning.twin_worlds import Part, TwinWorlds
 from drl_av.road.snapshot import Snapshot
 from drl_av.twin.worlds import COUNT
 
@@ -214,6 +215,7 @@ def test_a_missed_exit_ends_the_episode_like_a_collision(egos_at_the_exit: TwinW
         faster = part.env.episodes.executed[:, ACCELERATE] == ACCELERATE
         reward, failed, late = part.step(np.where(faster, ACCELERATE, KEEP))
         assert (failed == (part.env.ways == "exit missed") & ~late).all()
+        assert egos_at_the_exit.collisions == 0
         assert (reward[failed] <= -99.0).all()  # 100, less at most 1 for the speed
         assert (reward[~failed] > -4.0).all()
         missed += int(failed.sum())

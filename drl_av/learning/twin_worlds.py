@@ -1,0 +1,236 @@
+"""The worlds of a training at scale: episodes in the twin, seen wide and paid for speed (ours)."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
+
+from drl_av.config import Config
+from drl_av.config.learning import SPAN_M_S
+from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
+from drl_av.driving.affordances import LANE, slot_of
+from drl_av.driving.wide_observation import MOST, WIDE_SIZE, scratch
+from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
+from drl_av.env.route_outcome import EXIT_MISSED
+from drl_av.env.vector import TwinVectorEnv
+from drl_av.env.wide_view import look_wide
+from drl_av.twin.worlds import IntArray
+
+Float32Array = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+SIDES = np.array(SIGNS)
+MIDDLE_M_S = 20.0
+"""The speed that earns nothing."""
+VALUE_SCALE = 10.0
+AFTER_CHANGE = 10
+"""Number of decisions after a lane change in which it may make others brake."""
+REAR_OF = np.array([slot_of(side) + 1 for side in (0, 1, -1)])
+"""The slots of the vehicles behind the ego in its lane, and in those to the left and right."""
+
+
+class Part:
+    """The worlds of one kind of traffic, and what their rewards need of the decision before."""
+
+    def __init__(self, rows: slice, config: Config, seed: int) -> None:
+        self.rows, self._costs = rows, config.ppo
+        worlds, mode = rows.stop - rows.start, AutoresetMode.DISABLED
+        threads = 2 if worlds == config.ppo.worlds else 1  # several parts have one thread each
+        self.env = TwinVectorEnv(worlds, config=config, autoreset_mode=mode, threads=threads)
+        self.env.reset(seed=seed + rows.start)
+        self._worlds = np.arange(self.env.num_envs)
+        self._trend = np.zeros(self.env.num_envs, np.int64)
+        self._since_change = np.full(self.env.num_envs, AFTER_CHANGE)
+        self._most = self.env.open.most_in_training if self.env.open else None
+        self.collisions = 0
+        """Episodes so far that ended with a collision."""
+        self._rng = np.random.default_rng(seed)
+
+    def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
+        """Execute one action in each world.
+
+        Returns:
+            The rewards; which egos hit something or missed their exit; and which episodes are over
+            without that.
+        """
+        env, costs, (origin, target) = self.env, self._costs, self.env.episodes.lanes.T.copy()
+        was_m_s, codes = env.episodes.scene[:, 2].copy(), env.episodes.codes.copy()
+        _, _, terminated, truncated, info = env.step(action)
+        self.collisions += int(terminated.sum())
+        executed, speed, values = info["executed_action"], info["speed_m_s"], env.episodes.values
+        reward = (speed - MIDDLE_M_S) / SPAN_M_S
+        aborts = (origin != target) & (SIDES[executed // 4] == origin - target)
+        change = speed - was_m_s[:, 0]
+        trend = np.sign(change) * (np.abs(change) > CHANGE_M_S)
+        reversals = trend * self._trend < 0
+        self._trend = np.where(trend == 0, self._trend, trend).astype(np.int64)
+        has_front = env.episodes.codes[:, 0] > 0
+        is_short = has_front & (values[:, 0] < SHORT_HEADWAY_S * speed) & (speed > CRAWLING_M_S)
+        forced = self._forced((origin, target), codes, was_m_s)
+        reward -= costs.abort_cost * aborts + costs.reversal_cost * reversals
+        reward -= costs.hard_brake_cost * (executed % 4 == HARD_BRAKE)
+        reward -= costs.short_headway_cost * is_short + costs.forced_brake_cost * forced
+        failed = terminated | ((info["way"] == EXIT_MISSED) & ~truncated)
+        reward -= costs.collision_cost * failed
+        return reward.astype(np.float32), failed, truncated & ~failed
+
+    def _forced(
+        self, lanes: tuple[IntArray, IntArray], codes: IntArray, was_m_s: FloatArray
+    ) -> Flags:
+        """Return in which worlds a lane change made a vehicle behind the ego brake.
+
+        On a loop it is the vehicle behind the ego after a decision of the lane change. On an open
+        road, where the ego has to change lanes, it is one behind it in its lane or in the lane that
+        it enters, during the lane change and for ``AFTER_CHANGE`` decisions after the ego has
+        reached the lane.
+
+        Args:
+            lanes: The lanes of the lane changes before the decision.
+            codes: The codes of the indicators before it, shape (worlds, 10).
+            was_m_s: The speed of each vehicle before it, shape (worlds, vehicles).
+        """
+        (origin, target), episodes = lanes, self.env.episodes
+        new_origin, new_target = episodes.lanes.T
+        counts = (origin != target) | (new_origin != new_target)
+        rears, now_m_s = episodes.codes[:, 1:2], episodes.scene[:, 2, : was_m_s.shape[1]].copy()
+        if self.env.open is not None:
+            lane = codes[:, LANE]
+            stays = episodes.codes[:, LANE] == lane
+            self._since_change = np.where(stays, self._since_change + 1, 0)
+            side = np.sign(np.where(origin != target, target, new_target) - lane)
+            rears = codes[self._worlds[:, None], np.stack((np.ones_like(side), REAR_OF[side]), 1)]
+            counts |= self._since_change < AFTER_CHANGE
+            for row, kept in self.env.kept.items():
+                now_m_s[row] = was_m_s[row]  # those that have left have not braked
+                now_m_s[row, kept] = episodes.scene[row, 2, : len(kept)]
+        braking = np.take_along_axis(was_m_s - now_m_s, np.maximum(rears, 0), axis=1)
+        forced: Flags = counts & ((rears > 0) & (braking > FORCED_M_S2)).any(axis=1)
+        return forced
+
+    def begin_anew(self, worlds: Flags) -> None:
+        """Begin a new episode in some worlds, bool of shape (worlds,)."""
+        if not worlds.any():
+            return
+        self._trend[worlds], self._since_change[worlds] = 0, AFTER_CHANGE
+        if self._most is None:
+            self.env.reset(options={"reset_mask": worlds})
+            return
+        for world in np.flatnonzero(worlds):
+            vehicles = int(self._rng.integers(self._most + 1))
+            mask = np.arange(self.env.num_envs) == world
+            self.env.reset(options={"reset_mask": mask, "vehicles": vehicles})
+
+
+class TwinWorlds(VecEnv):
+    """W worlds in the twin, divided evenly among the kinds of traffic of ``traffic.presets``.
+
+    The observation is the wide observation, then the mask of the safety check. The reward is the
+    speed less costs, times ``VALUE_SCALE`` (1 - discount), so that the size of the value does not
+    depend on the discount. Episodes begin at different times.
+
+    Raises:
+        ConfigError: the twin cannot do what the settings ask.
+    """
+
+    SIZE = WIDE_SIZE + len(ACTIONS)
+    """Number of inputs of the policy."""
+    PART = Part
+    """What drives the worlds of one kind of traffic, and pays for it."""
+
+    def __init__(self, config: Config, seed: int) -> None:
+        count = config.ppo.worlds
+        super().__init__(count, Box(-MOST, MOST, (self.SIZE,)), Discrete(len(ACTIONS)))
+        self.observation = np.zeros((count, self.SIZE), np.float32)
+        self.permitted = np.zeros((count, len(ACTIONS)), np.bool_)
+        self.paid = 0.0
+        """The sum of all rewards so far, before they are scaled."""
+        self._scale = VALUE_SCALE * (1.0 - config.ppo.discount)
+        kinds = self.kinds(config)
+        ends = np.rint(np.linspace(0, count, len(kinds) + 1)).astype(int).tolist()
+        self.parts = [
+            self.PART(slice(first, last), kind, seed)
+            for first, last, kind in zip(ends[:-1], ends[1:], kinds, strict=True)
+        ]
+        self._action, self._pool = np.zeros(count, np.int64), ThreadPoolExecutor(2)
+        rng = np.random.default_rng(seed)
+        for part in self.parts:
+            most = part.env.most_decisions
+            begins = rng.integers(0, most, part.env.num_envs)
+            for decision in range(most):
+                _, hit, late = part.step(np.zeros(part.env.num_envs, np.int64))
+                part.begin_anew(hit | late | (begins == decision))
+            part.collisions = 0
+            self.look(part, np.arange(part.env.num_envs))
+
+    @property
+    def collisions(self) -> int:
+        """Episodes so far that ended with a collision."""
+        return sum(part.collisions for part in self.parts)
+
+    def kinds(self, config: Config) -> list[Config]:
+        """Return the settings of which each drives an equal part of the worlds."""
+        return config.per_traffic_preset
+
+    def look(self, part: Part, worlds: IntArray) -> None:
+        """Update the observations and masks of some worlds of one part."""
+        self.see(part, worlds, self.observation[part.rows])
+
+    def see(self, part: Part, worlds: IntArray, observation: Float32Array) -> None:
+        """Update the masks of worlds of a part; write what is wide, and the mask, elsewhere."""
+        env, seen = part.env, (observation, self.permitted[part.rows], *scratch())
+        look_wide.fast(env.episodes, env.task, worlds, env.vehicles + 1, *seen)
+
+    def reset(self) -> Float32Array:
+        """Return the present observations, shape (W, S); the episodes go on."""
+        return self.observation.copy()
+
+    def step_async(self, actions: IntArray) -> None:
+        """Remember one action for each world, shape (W,)."""
+        self._action = actions
+
+    def step_wait(self) -> tuple[Float32Array, Float32Array, Flags, list[dict[str, Any]]]:
+        """Execute the actions; an episode that ends is followed by a new one."""
+        rewards, dones = np.zeros(self.num_envs, np.float32), np.zeros(self.num_envs, np.bool_)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+
+        def step(part: Part) -> float:
+            rows, first = part.rows, part.rows.start
+            reward, hit, late = part.step(self._action[rows])
+            rewards[rows], dones[rows] = reward * self._scale, hit | late
+            self.look(part, np.arange(part.env.num_envs))
+            for row in np.flatnonzero(dones[rows]).tolist():
+                last, ends = self.observation[first + row].copy(), bool(late[row])
+                infos[first + row] = {"terminal_observation": last, "TimeLimit.truncated": ends}
+            part.begin_anew(dones[rows])
+            self.look(part, np.flatnonzero(dones[rows]))
+            return float(reward.sum(dtype=np.float64))
+
+        for paid in self._pool.map(step, self.parts):
+            self.paid += paid
+        return self.observation.copy(), rewards, dones, infos
+
+    def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:
+        """Return the rows of ``action_masks``, the only method."""
+        return [*self.permitted.copy()]
+
+    def has_attr(self, attr_name: str) -> bool:
+        """Whether the worlds have this attribute: ``action_masks`` only."""
+        return attr_name == "action_masks"
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return None for each world: there is nothing to draw."""
+        return [None] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Do nothing."""
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Return False for each world."""
+        return [False] * self.num_envs
+
+    def close(self) -> None:
+        """Do nothing."""
