@@ -38,16 +38,26 @@ def _with_ramps(name: str, scenario: str) -> Config:
 
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     PRESETS[f"paper-{_scenario}"] = _with_ramps("paper", _scenario)
+_FARSIGHTED: dict[str, Any] = {
+    "decisions": 3_000_000,
+    "learning_rate": 5e-4,
+    "discount": 0.99,
+    "gae_lambda": 0.95,
+    "asymmetric_critic": False,
+    "short_headway_cost": 0.1,
+    "collision_cost": 100.0,
+}
+"""Where lanes end or leave, the ego has to prepare long before."""
 _LARGE: dict[str, dict[str, Any]] = {
-    "merge": {"decisions": 3_000_000},
-    "exit": {"decisions": 3_000_000, "forced_brake_cost": 20.0},
+    "merge": {},
+    "exit": {"forced_brake_cost": 20.0},
     "ramp_to_ramp": {"decisions": 4_000_000, "forced_brake_cost": 1.0, "discount": 0.995},
 }
 for _scenario, _own in _LARGE.items():
     PRESETS[f"large-{_scenario}"] = (
         _with_ramps("large", _scenario)
         .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
-        .updated("ppo", collision_cost=100.0, **_own)
+        .updated("ppo", **_FARSIGHTED | _own)
     )
 
 

@@ -8,7 +8,7 @@ actions (Huang and Ontanon 2022, arXiv:2006.14171). Its worlds are ``TwinWorlds`
 from collections.abc import Generator
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from drl_av.config import Config
 from drl_av.config.reference import annotated_toml
@@ -22,7 +22,9 @@ from drl_av.learning.run_folder import refusals_to_make, require_new, require_no
 try:
     import torch
     from sb3_contrib import MaskablePPO
+    from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
     from stable_baselines3.common.logger import Logger
+    from stable_baselines3.common.torch_layers import MlpExtractor, create_mlp
     from torch import nn
 
     from drl_av.learning.twin_worlds import TwinWorlds
@@ -130,16 +132,42 @@ def _require_settings(config: Config) -> None:
         )
 
 
+class Towers(MlpExtractor):
+    """The hidden layers of the critic, and of the actor, which sees the first inputs only."""
+
+    def __init__(self, actor_inputs: int, inputs: int, hidden: list[int]) -> None:
+        super().__init__(inputs, hidden, nn.LeakyReLU)
+        self._actor_inputs = actor_inputs
+        self.policy_net = nn.Sequential(*create_mlp(actor_inputs, 0, hidden, nn.LeakyReLU))
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        """Return the last hidden layer of the actor."""
+        return super().forward_actor(features[:, : self._actor_inputs])
+
+
+class AsymmetricPolicy(MaskableActorCriticPolicy):
+    """The policy of MaskablePPO, whose actor sees the first ``actor_inputs`` numbers only."""
+
+    def __init__(self, *args: Any, actor_inputs: int, **kwargs: Any) -> None:
+        self._actor_inputs = actor_inputs
+        super().__init__(*args, **kwargs)
+
+    def _build_mlp_extractor(self) -> None:
+        assert isinstance(self.net_arch, list)
+        self.mlp_extractor = Towers(self._actor_inputs, self.features_dim, self.net_arch)
+
+
 def learner_of(config: Config, worlds: TwinWorlds) -> MaskablePPO:
     """Return the learner that ``config.ppo`` describes."""
     torch.set_num_threads(1)
     settings = config.ppo
 
     def rate(_: float) -> float:
-        return settings.learning_rate * (1.0 - learner.num_timesteps / settings.decisions)
+        before = learner.num_timesteps - settings.batch_size
+        return settings.learning_rate * (1.0 - before / settings.decisions)
 
     learner = MaskablePPO(
-        "MlpPolicy",
+        AsymmetricPolicy,
         worlds,
         learning_rate=settings.learning_rate,
         n_steps=settings.batch_size // settings.worlds,
@@ -150,7 +178,7 @@ def learner_of(config: Config, worlds: TwinWorlds) -> MaskablePPO:
         ent_coef=settings.entropy,
         policy_kwargs={
             "net_arch": [settings.hidden_1, settings.hidden_2],
-            "activation_fn": nn.LeakyReLU,
+            "actor_inputs": worlds.SIZE,
         },
         seed=config.learning.seed,
         device="cpu",

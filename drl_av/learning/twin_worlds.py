@@ -13,11 +13,12 @@ from drl_av.config import Config
 from drl_av.config.learning import SPAN_M_S
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
 from drl_av.driving.affordances import LANE, slot_of
-from drl_av.driving.wide_observation import MOST, WIDE_SIZE, scratch
+from drl_av.driving.wide_observation import WIDE_SIZE, scratch
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
 from drl_av.env.route_outcome import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
+from drl_av.learning.whole_road import PLACES_M, look_at_whole_road, whole_road_size
 from drl_av.twin.worlds import IntArray
 
 Float32Array = npt.NDArray[np.float32]
@@ -41,14 +42,15 @@ class Part:
         worlds, mode = rows.stop - rows.start, AutoresetMode.DISABLED
         threads = 2 if worlds == config.ppo.worlds else 1  # several parts have one thread each
         self.env = TwinVectorEnv(worlds, config=config, autoreset_mode=mode, threads=threads)
-        self.env.reset(seed=seed + rows.start)
+        drawn = np.random.SeedSequence([seed, rows.start])
+        self.env.reset(seed=drawn.generate_state(worlds).tolist())
         self._worlds = np.arange(self.env.num_envs)
         self._trend = np.zeros(self.env.num_envs, np.int64)
         self._since_change = np.full(self.env.num_envs, AFTER_CHANGE)
         self._most = self.env.open.most_in_training if self.env.open else None
         self.collisions = 0
         """Episodes so far that ended with a collision."""
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(drawn.spawn(1)[0])
 
     def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
         """Execute one action in each world.
@@ -128,7 +130,9 @@ class Part:
 class TwinWorlds(VecEnv):
     """W worlds in the twin, divided evenly among the kinds of traffic of ``traffic.presets``.
 
-    The observation is the wide observation, then the mask of the safety check. The reward is the
+    The observation is the wide observation, then the mask of the safety check, ``SIZE`` numbers
+    which a driver sees. With ``ppo.asymmetric_critic`` the whole road follows, and which kind of
+    traffic it is (1 or 0 each), for the critic alone. The reward is the
     speed less costs, times ``VALUE_SCALE`` (1 - discount), so that the size of the value does not
     depend on the discount. Episodes begin at different times.
 
@@ -137,26 +141,32 @@ class TwinWorlds(VecEnv):
     """
 
     SIZE = WIDE_SIZE + len(ACTIONS)
-    """Number of inputs of the policy."""
+    """Number of inputs of the actor."""
     PART = Part
     """What drives the worlds of one kind of traffic, and pays for it."""
 
     def __init__(self, config: Config, seed: int) -> None:
-        count = config.ppo.worlds
-        super().__init__(count, Box(-MOST, MOST, (self.SIZE,)), Discrete(len(ACTIONS)))
+        count, kinds = config.ppo.worlds, self.kinds(config)
         self.observation = np.zeros((count, self.SIZE), np.float32)
+        """What a driver sees, shape (W, SIZE)."""
         self.permitted = np.zeros((count, len(ACTIONS)), np.bool_)
         self.paid = 0.0
         """The sum of all rewards so far, before they are scaled."""
         self._scale = VALUE_SCALE * (1.0 - config.ppo.discount)
-        kinds = self.kinds(config)
         ends = np.rint(np.linspace(0, count, len(kinds) + 1)).astype(int).tolist()
         self.parts = [
             self.PART(slice(first, last), kind, seed)
             for first, last, kind in zip(ends[:-1], ends[1:], kinds, strict=True)
         ]
+        lanes = len(self.parts[0].env.road.open_lanes)
+        more = whole_road_size(lanes) + len(kinds) if config.ppo.asymmetric_critic else 0
+        self._whole = np.zeros((count, more), np.float32)
+        for number, part in enumerate(self.parts if more else ()):
+            self._whole[part.rows, number - len(kinds)] = 1.0
+        seen = Box(-np.inf, np.inf, (self.SIZE + more,))
+        super().__init__(count, seen, Discrete(len(ACTIONS)))
         self._action, self._pool = np.zeros(count, np.int64), ThreadPoolExecutor(2)
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng([seed, count])
         for part in self.parts:
             most = part.env.most_decisions
             begins = rng.integers(0, most, part.env.num_envs)
@@ -164,7 +174,7 @@ class TwinWorlds(VecEnv):
                 _, hit, late = part.step(np.zeros(part.env.num_envs, np.int64))
                 part.begin_anew(hit | late | (begins == decision))
             part.collisions = 0
-            self.look(part, np.arange(part.env.num_envs))
+            self._look(part, np.arange(part.env.num_envs))
 
     @property
     def collisions(self) -> int:
@@ -174,6 +184,17 @@ class TwinWorlds(VecEnv):
     def kinds(self, config: Config) -> list[Config]:
         """Return the settings of which each drives an equal part of the worlds."""
         return config.per_traffic_preset
+
+    def _look(self, part: Part, worlds: IntArray) -> None:
+        """Update all that is seen of some worlds of one part."""
+        self.look(part, worlds)
+        if self._whole.shape[1]:
+            env, whole = part.env, self._whole[part.rows]
+            vehicles = env.episodes.scene, env.worlds.x, env.vehicles + 1
+            look_at_whole_road(*vehicles, env.task.road, PLACES_M, worlds, whole)
+
+    def _all(self) -> Float32Array:
+        return np.concatenate((self.observation, self._whole), axis=1)
 
     def look(self, part: Part, worlds: IntArray) -> None:
         """Update the observations and masks of some worlds of one part."""
@@ -186,7 +207,7 @@ class TwinWorlds(VecEnv):
 
     def reset(self) -> Float32Array:
         """Return the present observations, shape (W, S); the episodes go on."""
-        return self.observation.copy()
+        return self._all()
 
     def step_async(self, actions: IntArray) -> None:
         """Remember one action for each world, shape (W,)."""
@@ -201,17 +222,18 @@ class TwinWorlds(VecEnv):
             rows, first = part.rows, part.rows.start
             reward, hit, late = part.step(self._action[rows])
             rewards[rows], dones[rows] = reward * self._scale, hit | late
-            self.look(part, np.arange(part.env.num_envs))
+            self._look(part, np.arange(part.env.num_envs))
             for row in np.flatnonzero(dones[rows]).tolist():
-                last, ends = self.observation[first + row].copy(), bool(late[row])
+                seen = self.observation[first + row], self._whole[first + row]
+                last, ends = np.concatenate(seen), bool(late[row])
                 infos[first + row] = {"terminal_observation": last, "TimeLimit.truncated": ends}
             part.begin_anew(dones[rows])
-            self.look(part, np.flatnonzero(dones[rows]))
+            self._look(part, np.flatnonzero(dones[rows]))
             return float(reward.sum(dtype=np.float64))
 
         for paid in self._pool.map(step, self.parts):
             self.paid += paid
-        return self.observation.copy(), rewards, dones, infos
+        return self._all(), rewards, dones, infos
 
     def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:
         """Return the rows of ``action_masks``, the only method."""
