@@ -7,15 +7,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+import torch
+from worlds import ROAD
 
 from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
 from drl_av.errors import RunError
 from drl_av.files import locked
-from drl_av.learning.large_scale import train_at_scale
+from drl_av.learning.large_scale import learner_of, train_at_scale
 from drl_av.learning.twin_worlds import Part, TwinWorlds
+from drl_av.learning.whole_road import PLACES_M, look_at_whole_road, whole_road_size
+from drl_av.road.compiled_road import road_numbers
 from drl_av.road.snapshot import Snapshot
-from drl_av.twin.worlds import COUNT
+from drl_av.twin.worlds import COUNT, DESIRED_M_S, EXPECTED_M_S
 
 FloatArray = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
@@ -33,7 +37,7 @@ RIGHT_ACCELERATE, RIGHT_HARD_BRAKE, LEFT_ACCELERATE = 5, 7, 9
 
 @pytest.fixture
 def worlds() -> TwinWorlds:
-    return TwinWorlds(LARGE, seed=3)
+    return TwinWorlds(LARGE, seed=2)
 
 
 def stepped(worlds: TwinWorlds, action: int) -> tuple[FloatArray, Flags, list[dict[str, Any]]]:
@@ -66,7 +70,7 @@ def test_the_observation_is_that_of_the_driver_in_sumo_and_ends_with_the_mask(
             observed = observations[rows][row]
             assert observed[:WIDE_SIZE].tobytes() == wide.tobytes()
             mask = env.episodes.executed[row] == np.arange(12)
-            assert observed[WIDE_SIZE:].tolist() == mask.tolist()
+            assert observed[WIDE_SIZE : TwinWorlds.SIZE].tolist() == mask.tolist()
             assert masks[rows][row].tolist() == mask.tolist()
             seen += observed[EGO_AT + 3] != 0
     assert seen > 0  # some are changing lanes
@@ -128,7 +132,7 @@ def test_episodes_end_at_different_times_and_hand_over_their_last_observation(
         _, dones, infos = stepped(worlds, KEEP)
         for world in np.flatnonzero(dones).tolist():
             assert infos[world]["TimeLimit.truncated"]
-            last = infos[world]["terminal_observation"]
+            last = infos[world]["terminal_observation"][: TwinWorlds.SIZE]
             assert not (worlds.observation == last).all(1).any()
         assert [bool(info) for info in infos] == dones.tolist()
         ends.append(dones)
@@ -176,7 +180,7 @@ def test_where_lanes_end_those_behind_in_both_lanes_count_until_ten_decisions_la
     settings = TO_THE_EXIT.updated("safety", check="permit_all")
     settings = settings.updated("ppo", abort_cost=0.0, reversal_cost=0.0, hard_brake_cost=0.0)
     settings = settings.updated("ppo", short_headway_cost=0.0, forced_brake_cost=7.0)
-    part = Part(slice(0, 12), settings.with_traffic("calm"), seed=3)
+    part = Part(slice(0, 12), settings.with_traffic("calm"), seed=2)
     env, since, seen, moved = part.env, [10] * 12, set[tuple[str, bool]](), 0
     for decision in range(160):
         before = [env.scene(row) for row in range(12)]
@@ -245,3 +249,57 @@ def test_two_trainings_at_scale_do_not_write_to_one_folder(tmp_path: Path) -> No
     ):
         next(train_at_scale(tmp_path / "empty", small))
     assert not any((tmp_path / "empty").iterdir())
+
+
+def test_trainings_with_neighbouring_seeds_and_the_parts_of_one_drive_other_traffic() -> None:
+    config = LARGE.with_traffic("calm")
+    parts = [Part(slice(first, first + 4), config, seed) for seed in (3, 4) for first in (0, 1)]
+    begun = [part.env.episodes.scene[world].tobytes() for part in parts for world in range(4)]
+    assert len(set(begun)) == 16
+    again = Part(slice(0, 4), config, 3).env.episodes.scene
+    assert again.tobytes() == parts[0].env.episodes.scene.tobytes()
+
+
+def test_the_critic_sees_all_vehicles_and_what_they_want_and_the_actor_does_not() -> None:
+    scene, x = np.zeros((2, 6, 4)), np.zeros((2, EXPECTED_M_S + 3, 4))
+    # the ego of world 1 is at 490 m of a loop of 500 m, the others 20 m ahead of it in the left
+    # lane, 20 m behind it in its own, and 150 m behind it in the right one
+    scene[1, 0], scene[1, 1] = (490.0, 10.0, 470.0, 340.0), (3.8, 7.6, 3.8, 0.0)
+    scene[1, 2], x[1, DESIRED_M_S] = (25.0, 23.0, 20.0, 17.0), (30.0, 26.0, 20.0, 35.0)
+    road, seen = road_numbers(ROAD), np.full((2, whole_road_size(3)), 9.0, np.float32)
+    look_at_whole_road(scene, x, np.array([4, 4]), road, PLACES_M, np.array([1]), seen)
+    assert (seen[0] == 9.0).all()
+    expected = np.zeros((3, 9, 3))  # lane, place, (vehicles, speeds, desired speeds)
+    expected[2, 2] = 0.2, 0.1, 0.2
+    expected[1, 1] = 0.2, 0.0, 0.0
+    expected[0, 0] = 0.2, -0.1, 0.5
+    np.testing.assert_allclose(seen[1].reshape(3, 9, 3), expected, atol=1e-7)
+
+
+def test_only_the_critic_depends_on_what_no_driver_sees() -> None:
+    config = LARGE.updated("ppo", batch_size=16, minibatch_size=8, decisions=16)
+    worlds = TwinWorlds(config, 3)
+    learner = learner_of(config, worlds)
+    observed = worlds.reset()
+    size = TwinWorlds.SIZE
+    assert observed.shape == (8, size + whole_road_size(3) + 2)
+    assert observed[:, -2:].tolist() == [[1.0, 0.0]] * 4 + [[0.0, 1.0]] * 4  # calm, overtaking
+    other = observed.copy()
+    other[:, size:] += 1.0
+    with torch.no_grad():
+        (_, values, chances), (_, their_values, theirs) = (
+            learner.policy(torch.as_tensor(seen), deterministic=True) for seen in (observed, other)
+        )
+    assert torch.equal(chances, theirs)
+    assert not torch.isclose(values, their_values).any()
+
+
+def test_a_training_of_one_update_learns_at_the_rate_that_is_set() -> None:
+    config = LARGE.updated("ppo", batch_size=16, minibatch_size=8, decisions=32)
+    learner = learner_of(config, TwinWorlds(config, 3))
+    first = learner.policy.action_net.weight.clone()
+    learner.learn(16)
+    assert learner.policy.optimizer.param_groups[0]["lr"] == config.ppo.learning_rate
+    assert not torch.equal(first, learner.policy.action_net.weight)
+    learner.learn(16, reset_num_timesteps=False)
+    assert learner.policy.optimizer.param_groups[0]["lr"] == config.ppo.learning_rate / 2
