@@ -143,6 +143,9 @@ class Run:
                 )
             elif word == now_word:
                 reason = f"another module of {option} {word}: put it back"
+            elif "<" in word:
+                reason = f"{option} {word}, which has no name of its own and cannot be given again"
+                raise RunError(f"{self.folder} was begun with {reason}: begin a new run.")
             else:
                 reason = f"{option} {word}: give it again"
             raise RunError(f"{self.folder} was begun with {reason}, or begin a new run.")
@@ -329,7 +332,8 @@ def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
     buffers stay empty (returns False). ``reward`` is the word of the user's own reward, if any.
 
     Raises:
-        RunError: the experience has the rewards of another function than ``reward``.
+        RunError: the experience has the rewards of another function than ``reward``, or another
+            discount.
         CheckpointError: a file is damaged, or does not fit the settings of this training.
     """
     tensors, numbers = training.state()
@@ -347,6 +351,16 @@ def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
             raise RunError(
                 f"{policy_file.parent} was trained {how}, and its experience has those rewards: "
                 f"{remedy}, or move {checkpoint_file.name} away to adapt without that experience."
+            )
+        discounts = (
+            config.learning.discount
+            for config in (from_toml(str(found["config"])), training.config)
+        )
+        if len({*discounts}) > 1:
+            raise RunError(
+                f"{policy_file.parent} was trained with another learning.discount, which its "
+                f"experience has: leave it out, or move {checkpoint_file.name} away to adapt "
+                "without that experience."
             )
     else:
         network, _ = load_policy(policy_file)

@@ -289,4 +289,8 @@ def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
     assert main(again) == 1
     assert "was trained with --reward mine:one" in error_message(capsys)
     assert not Path("on").exists()
-    assert main([*again, "--reward", "mine:one"]) == 0
+    words = [*again, "--reward", "mine:one"]
+    capsys.readouterr()
+    assert main([*words, "-o", "learning.discount=0.5"]) == 1
+    assert "another learning.discount, which its experience has" in error_message(capsys)
+    assert main(words) == 0
