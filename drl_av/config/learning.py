@@ -100,21 +100,21 @@ class PpoConfig(Section):
     collision_cost: cost of a collision, or of a missed exit (ours)
     """
 
-    decisions: int = setting(13_000_000, low=1, high=10**10)
+    decisions: int = setting(20_000_000, low=1, high=10**10)
     worlds: int = setting(256, low=1, high=10**5)
     batch_size: int = setting(16_384, low=1, high=10**7)
     minibatch_size: int = setting(1_024, low=1, high=10**7)
     epochs: int = setting(3, low=1, high=100)
     hidden_1: int = setting(192, low=1, high=10_000)
     hidden_2: int = setting(128, low=1, high=10_000)
-    learning_rate: float = setting(1e-3, low=0, high=1)
-    discount: float = setting(0.95, low=0, high=1)
-    gae_lambda: float = setting(0.8, low=0, high=1)
-    asymmetric_critic: bool = True
+    learning_rate: float = setting(5e-4, low=0, high=1)
+    discount: float = setting(0.99, low=0, high=1)
+    gae_lambda: float = setting(0.95, low=0, high=1)
+    asymmetric_critic: bool = False
     entropy: float = setting(0.002, low=0, high=10)
     abort_cost: float = setting(0.3, low=0, high=100)
     reversal_cost: float = setting(0.05, low=0, high=100)
     hard_brake_cost: float = setting(0.1, low=0, high=100)
-    short_headway_cost: float = setting(0.2, low=0, high=100)
+    short_headway_cost: float = setting(0.1, low=0, high=100)
     forced_brake_cost: float = setting(0.5, low=0, high=100)
     collision_cost: float = setting(5.0, low=0, high=1000)

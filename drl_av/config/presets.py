@@ -2,10 +2,11 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drl_av.config import SINGLE_PRESETS, Config, from_sections, load_config
+from drl_av.config import SINGLE_PRESETS, Config, PpoConfig, from_sections, load_config
 from drl_av.config.section import did_you_mean, there_is_no
 from drl_av.errors import ConfigError
 
@@ -20,7 +21,9 @@ PRESETS: dict[str, Config] = {
     .updated("simulation", world="twin")
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
-    .updated("traffic", presets=SINGLE_PRESETS, vehicles_max=40),
+    .updated("traffic", presets=SINGLE_PRESETS, vehicles_max=40)
+    .updated("ppo", asymmetric_critic=True, decisions=13_000_000, learning_rate=1e-3)
+    .updated("ppo", discount=0.95, gae_lambda=0.8, short_headway_cost=0.2),
     "literal": from_sections(LITERAL),
 }
 
@@ -38,26 +41,16 @@ def _with_ramps(name: str, scenario: str) -> Config:
 
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     PRESETS[f"paper-{_scenario}"] = _with_ramps("paper", _scenario)
-_FARSIGHTED: dict[str, Any] = {
-    "decisions": 3_000_000,
-    "learning_rate": 5e-4,
-    "discount": 0.99,
-    "gae_lambda": 0.95,
-    "asymmetric_critic": False,
-    "short_headway_cost": 0.1,
-    "collision_cost": 100.0,
-}
-"""Where lanes end or leave, the ego has to prepare long before."""
 _LARGE: dict[str, dict[str, Any]] = {
-    "merge": {},
-    "exit": {"forced_brake_cost": 20.0},
+    "merge": {"decisions": 3_000_000},
+    "exit": {"decisions": 3_000_000, "forced_brake_cost": 20.0},
     "ramp_to_ramp": {"decisions": 4_000_000, "forced_brake_cost": 1.0, "discount": 0.995},
 }
 for _scenario, _own in _LARGE.items():
     PRESETS[f"large-{_scenario}"] = (
         _with_ramps("large", _scenario)
         .updated("traffic", presets=("calm", "overtaking", "naturalistic"))
-        .updated("ppo", **_FARSIGHTED | _own)
+        .updated("ppo", **asdict(PpoConfig(collision_cost=100.0, **_own)))
     )
 
 
