@@ -145,7 +145,7 @@ def main() -> int:
     parser = Program(__doc__)
     parser.checks(CHECKS, default="paper")
     parser.add_argument("--family", nargs="+", choices=ENVELOPE | SEARCHED, help="default: all")
-    text = "for each family (default: 1000; strict: 100000)"
+    text = "for each family, rounded up to hundreds by a search (default: 1000; strict: 100000)"
     parser.add_argument("--scenes", type=int_at_least(1), help=text)
     parser.number("--seed", 0, low=0)
     text = "search under any check, without the envelope"

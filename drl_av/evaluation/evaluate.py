@@ -7,7 +7,7 @@ from html import escape
 from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeGuard
+from typing import Any, SupportsIndex, TypeGuard, overload
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
@@ -37,7 +37,23 @@ Word = str | Path
 
 
 class Results(list[EpisodeResult]):
-    """The results of an evaluation: a list of episodes; a notebook shows them as a table."""
+    """The results of an evaluation: a list of episodes; a notebook shows them as a table.
+
+    A part of it, and its sum with another list of episodes, are ``Results`` too.
+    """
+
+    def __add__(self, others: list[Any]) -> "Results":  # type: ignore[override]
+        return Results([*self, *others])
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> EpisodeResult: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "Results": ...
+
+    def __getitem__(self, index: SupportsIndex | slice) -> "EpisodeResult | Results":
+        found = super().__getitem__(index)
+        return Results(found) if isinstance(found, list) else found
 
     def to_pandas(self) -> Any:
         """Return a pandas DataFrame with one row for each episode; its columns are those of --out.

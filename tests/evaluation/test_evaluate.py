@@ -188,6 +188,8 @@ def test_results_are_a_data_frame_and_a_table_in_a_notebook() -> None:
         sum(row.mean_speed_m_s for row in rows if row.driver == "idm") / 4
     )
     assert [*frame.columns[:3]] == ["driver", "safety_check", "vehicles"]
+    assert (rows[:3] + rows[3:]).to_pandas().equals(frame)
+    assert rows[-1].driver == "gap-mobil"
     shown = rows._repr_html_()
     assert shown.count("<tr>") == 5
     assert "<td>idm</td><td>paper</td><td>2</td>" in shown
