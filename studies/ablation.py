@@ -87,9 +87,10 @@ class PaperRewardWorlds(TwinWorlds):
 class TwoCheckWorlds(TwinWorlds):
     """Half of the worlds of each kind of traffic drive under the check ``paper``."""
 
-    def kinds(self, config: Config) -> list[Config]:
+    @staticmethod
+    def kinds(config: Config) -> list[Config]:
         """Return the settings of which each drives an equal part of the worlds."""
-        found = super().kinds(config)
+        found = TwinWorlds.kinds(config)
         return [
             kind.updated("safety", check=name) for kind in found for name in ("strict", "paper")
         ]
@@ -107,24 +108,27 @@ def _ppo(**settings: object) -> Callable[[Config], Config]:
     return lambda config: config.updated("ppo", **settings)
 
 
+COSTS = "abort_cost", "reversal_cost", "hard_brake_cost", "short_headway_cost", "forced_brake_cost"
 VARIANTS = {
     "large": Variant("the preset"),
     "both": Variant("checks strict and paper", worlds=TwoCheckWorlds),
     "indicators": Variant("27 indicators", worlds=IndicatorWorlds),
     "two-seconds": Variant("the second before, too", worlds=TwoSecondWorlds),
     "paper-reward": Variant("the paper's reward", worlds=PaperRewardWorlds),
+    "symmetric": Variant("the critic sees no more", _ppo(asymmetric_critic=False)),
+    "trace-95": Variant("trace decay 0.95", _ppo(gae_lambda=0.95)),
+    "rate": Variant("half the learning rate", _ppo(learning_rate=5e-4)),
     "discount-90": Variant("discount 0.90", _ppo(discount=0.9)),
-    "discount-95": Variant("discount 0.95", _ppo(discount=0.95)),
-    "discount-995": Variant("discount 0.995", _ppo(discount=0.995)),
+    "discount-97": Variant("discount 0.97", _ppo(discount=0.97)),
+    "discount-99": Variant("discount 0.99", _ppo(discount=0.99)),
     "no-costs": Variant(
         "speed alone",
-        _ppo(abort_cost=0.0, reversal_cost=0.0, short_headway_cost=0.0, forced_brake_cost=0.0),
+        _ppo(**dict.fromkeys(COSTS, 0.0)),
     ),
     "calm": Variant(
         "calm traffic alone", lambda config: config.updated("traffic", presets=("calm",))
     ),
     "wider": Variant("layers of 384 and 256", _ppo(hidden_1=384, hidden_2=256)),
-    "wider-95": Variant("the same, discount 0.95", _ppo(hidden_1=384, hidden_2=256, discount=0.95)),
 }
 
 
@@ -163,8 +167,8 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
 
     ``kept`` is the policy's file; without one the rule drives.
     """
-    config = PRESETS["large"].updated("traffic", presets=(kind,)).updated("ppo", worlds=EPISODES)
-    worlds = base(config, 0)
+    config = PRESETS["large"].updated("traffic", presets=(kind,))
+    worlds = base(config.updated("ppo", worlds=EPISODES * len(base.kinds(config))), 0)
     part, everywhere = worlds.parts[0], np.arange(EPISODES)
     layers, rule = [], rule_driver(RULE, config.with_traffic(kind))
     if kept is not None:
@@ -184,8 +188,8 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
                 scenes = map(part.env.scene, range(EPISODES))
                 action = np.array([rule.act(scene, NOTHING).number for scene in scenes])
             else:
-                logits = forward(layers, worlds.observation)[1]
-                action = np.where(worlds.permitted, logits, -np.inf).argmax(axis=1)
+                logits = forward(layers, worlds.observation[part.rows])[1]
+                action = np.where(worlds.permitted[part.rows], logits, -np.inf).argmax(axis=1)
             _, hit, late = part.step(action)
             driven += part.env.episodes.scene[:, 2, 0] * goes_on
             decisions += goes_on

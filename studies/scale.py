@@ -20,7 +20,7 @@ from studies.ablation import command_line, complete, gain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-POINTS = 500_000, 1_000_000, 2_000_000, 5_000_000, 10_000_000, 20_000_000
+POINTS = 500_000, 1_000_000, 2_000_000, 5_000_000, PRESETS["large"].ppo.decisions
 """Decisions after which a policy is kept, each rounded down to whole updates; the last ends it."""
 
 

@@ -136,7 +136,7 @@ class Towers(MlpExtractor):
     """The hidden layers of the critic, and of the actor, which sees the first inputs only."""
 
     def __init__(self, actor_inputs: int, inputs: int, hidden: list[int]) -> None:
-        super().__init__(inputs, hidden, nn.LeakyReLU)
+        super().__init__(inputs, hidden, nn.LeakyReLU, device="cpu")
         self._actor_inputs = actor_inputs
         self.policy_net = nn.Sequential(*create_mlp(actor_inputs, 0, hidden, nn.LeakyReLU))
 
@@ -164,7 +164,7 @@ def learner_of(config: Config, worlds: TwinWorlds) -> MaskablePPO:
 
     def rate(_: float) -> float:
         before = learner.num_timesteps - settings.batch_size
-        return settings.learning_rate * (1.0 - before / settings.decisions)
+        return settings.learning_rate * max(1.0 - before / settings.decisions, 0.0)
 
     learner = MaskablePPO(
         AsymmetricPolicy,

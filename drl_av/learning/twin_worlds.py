@@ -181,7 +181,8 @@ class TwinWorlds(VecEnv):
         """Episodes so far that ended with a collision."""
         return sum(part.collisions for part in self.parts)
 
-    def kinds(self, config: Config) -> list[Config]:
+    @staticmethod
+    def kinds(config: Config) -> list[Config]:
         """Return the settings of which each drives an equal part of the worlds."""
         return config.per_traffic_preset
 

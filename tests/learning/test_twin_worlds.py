@@ -1,5 +1,6 @@
 """The worlds of a training at scale."""
 
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -228,7 +229,7 @@ def test_a_missed_exit_ends_the_episode_like_a_collision(egos_at_the_exit: TwinW
 
 
 def test_the_same_seed_gives_the_same_worlds() -> None:
-    one, again, other = (TwinWorlds(LARGE, seed).observation for seed in (3, 3, 4))
+    one, again, other = (TwinWorlds(LARGE, seed).reset() for seed in (3, 3, 4))
     assert one.tobytes() == again.tobytes()
     assert one.tobytes() != other.tobytes()
 
@@ -260,20 +261,67 @@ def test_trainings_with_neighbouring_seeds_and_the_parts_of_one_drive_other_traf
     assert again.tobytes() == parts[0].env.episodes.scene.tobytes()
 
 
-def test_the_critic_sees_all_vehicles_and_what_they_want_and_the_actor_does_not() -> None:
-    scene, x = np.zeros((2, 6, 4)), np.zeros((2, EXPECTED_M_S + 3, 4))
-    # the ego of world 1 is at 490 m of a loop of 500 m, the others 20 m ahead of it in the left
-    # lane, 20 m behind it in its own, and 150 m behind it in the right one
-    scene[1, 0], scene[1, 1] = (490.0, 10.0, 470.0, 340.0), (3.8, 7.6, 3.8, 0.0)
-    scene[1, 2], x[1, DESIRED_M_S] = (25.0, 23.0, 20.0, 17.0), (30.0, 26.0, 20.0, 35.0)
-    road, seen = road_numbers(ROAD), np.full((2, whole_road_size(3)), 9.0, np.float32)
-    look_at_whole_road(scene, x, np.array([4, 4]), road, PLACES_M, np.array([1]), seen)
+def whole_road(part: Part, world: int) -> FloatArray:
+    """The vehicles of a world by lane and place, counted one by one."""
+    env = part.env
+    s_m, y_m, speed_m_s, *_ = env.episodes.scene[world]
+    desired_m_s = env.worlds.x[world, DESIRED_M_S]
+    found = np.zeros((3, 9, 3), np.float32)
+    for row in range(1, env.vehicles[world] + 1):
+        away_m = (s_m[row] - s_m[0] + env.road.lap_m / 2) % env.road.lap_m - env.road.lap_m / 2
+        place = sum(away_m >= end_m for end_m in (-100, 0, 40, 80, 130, 200, 300, 450))
+        found[min(max(env.road.lane_of(y_m[row]), 0), 2), place] += (
+            0.2,
+            (speed_m_s[row] - 20.0) / 30.0,
+            (desired_m_s[row] - 20.0) / 30.0,
+        )
+    return found.ravel()
+
+
+def test_the_critic_sees_all_vehicles_also_where_an_episode_ends_and_another_begins() -> None:
+    worlds, ended = TwinWorlds(LARGE.updated("traffic", vehicles_max=30), seed=2), 0
+    last: dict[int, FloatArray] = {}
+    for part in worlds.parts:
+        begin_anew = part.begin_anew
+
+        def note(over: Flags, part: Part = part, begin: Any = begin_anew) -> None:
+            for world in np.flatnonzero(over).tolist():
+                last[part.rows.start + world] = whole_road(part, world)
+            begin(over)
+
+        part.begin_anew = note  # type: ignore[method-assign]
+    for _ in range(8):
+        observed, _, dones, infos = worlds.step(np.full(8, KEEP))
+        for part in worlds.parts:
+            for world in range(part.env.num_envs):
+                seen = observed[part.rows.start + world, TwinWorlds.SIZE : -2]
+                np.testing.assert_allclose(seen, whole_road(part, world), atol=1e-4)
+        for world in np.flatnonzero(dones).tolist():
+            seen = infos[world]["terminal_observation"][TwinWorlds.SIZE : -2]
+            np.testing.assert_allclose(seen, last[world], atol=1e-4)
+            ended += 1
+    assert ended >= 8
+
+
+def test_a_vehicle_is_seen_in_its_place_and_those_that_are_none_are_not() -> None:
+    scene, x = np.zeros((2, 6, 7)), np.zeros((2, EXPECTED_M_S + 3, 7))
+    # the ego of world 1 is at 990 m of a loop of 1000 m; the others are 20 and 21 m ahead of it in
+    # the left lane, 20 m behind it in its own, 150 m behind it beyond the right one, and 460 m
+    # ahead; the last column is no vehicle of this world
+    scene[1, 0] = 990.0, 10.0, 11.0, 970.0, 840.0, 450.0, 20.0
+    scene[1, 1] = 3.8, 7.6, 7.6, 3.8, -3.0, 7.6, 3.8
+    scene[1, 2] = 25.0, 23.0, 26.0, 20.0, 17.0, 20.0, 35.0
+    x[1, DESIRED_M_S] = 30.0, 26.0, 29.0, 20.0, 35.0, 32.0, 35.0
+    road = road_numbers(replace(ROAD, lap_m=1000.0))
+    seen = np.full((2, whole_road_size(3)), 9.0, np.float32)
+    look_at_whole_road(scene, x, np.array([7, 6]), road, PLACES_M, np.array([1]), seen)
     assert (seen[0] == 9.0).all()
     expected = np.zeros((3, 9, 3))  # lane, place, (vehicles, speeds, desired speeds)
-    expected[2, 2] = 0.2, 0.1, 0.2
+    expected[2, 2] = 0.4, 0.3, 0.5
     expected[1, 1] = 0.2, 0.0, 0.0
     expected[0, 0] = 0.2, -0.1, 0.5
-    np.testing.assert_allclose(seen[1].reshape(3, 9, 3), expected, atol=1e-7)
+    expected[2, 8] = 0.2, 0.0, 0.4
+    np.testing.assert_allclose(seen[1].reshape(3, 9, 3), expected, atol=1e-6)
 
 
 def test_only_the_critic_depends_on_what_no_driver_sees() -> None:

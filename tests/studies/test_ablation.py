@@ -7,7 +7,7 @@ import pytest
 from drl_av.config import SINGLE_PRESETS
 from drl_av.files import read_table
 from studies import ablation
-from studies.ablation import VARIANTS, TwoSecondWorlds, settings
+from studies.ablation import VARIANTS, TwinWorlds, TwoSecondWorlds, settings
 
 
 def test_each_variant_is_the_preset_but_for_its_choice() -> None:
@@ -24,6 +24,17 @@ def test_each_variant_is_the_preset_but_for_its_choice() -> None:
     assert changed.pop("large") == []
     assert changed.pop("calm") == ["traffic"]
     assert all(sections == ["ppo"] for sections in changed.values())
+
+
+@pytest.mark.parametrize("worlds", {variant.worlds for variant in VARIANTS.values()})
+def test_each_variant_is_measured_in_the_traffic_of_the_rule(
+    worlds: type[TwinWorlds], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ablation, "EPISODES", 2)
+    monkeypatch.setattr(ablation, "COUNTS", (5,))
+    (found, hits), (usual, _) = (ablation.speeds("calm", None, w) for w in (worlds, TwinWorlds))
+    assert (found == usual).all()
+    assert (found.shape, hits) == ((1, 2), 0)
 
 
 def test_an_episode_begins_with_its_first_second_twice_and_then_remembers() -> None:
