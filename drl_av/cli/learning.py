@@ -179,6 +179,7 @@ def adapt(options: argparse.Namespace) -> int:
     from drl_av.drivers.masked_policy import is_actor
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
+    from drl_av.env.custom import custom_inputs
     from drl_av.learning.run_folder import Run, open_training, warm_start
     from drl_av.learning.tensorboard import require_tensorboard
 
@@ -207,7 +208,7 @@ def adapt(options: argparse.Namespace) -> int:
     custom, resume = custom_parts(options), options.resume
 
     def prepare(training: "Training") -> None:
-        reward = custom.words().get("reward", "")
+        reward = custom_inputs(config, custom)["reward"]
         if not warm_start(training, policy, reward) and config.learning.learning_rate > 0:
             print(
                 f"drl-av: {word} comes without the experience of its training: it learns "

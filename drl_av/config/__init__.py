@@ -164,27 +164,37 @@ def with_files(config: Config, paths: Iterable[str | Path]) -> Config:
     ``load_config`` does.
     """
     waiting: dict[str, Any] = {}
-    refusal: ConfigError | None = None
+    refusals: list[ConfigError] = []
     for path in paths:
         is_setting = isinstance(path, str) and SETTING.match(path) and not Path(path).exists()
         found = _setting(str(path)) if is_setting else _document(_text(path), str(path))
         waiting = _laid_over(waiting, found)
         try:
-            config, waiting, refusal = _in(str(path), waiting, config), {}, None
+            config, waiting, refusals = _in(str(path), waiting, config), {}, []
         except ConfigError as error:
-            refusal = refusal or error
-    if refusal is not None:
-        raise refusal
+            refusals.append(error)
+    if refusals:
+        same = len({str(error.__cause__ or error) for error in refusals}) == 1
+        raise refusals[0 if same else -1]
     return config
 
 
 def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return sections with the settings of others laid over theirs."""
+    """Return sections with the settings of others laid over theirs; a kind of traffic resets it."""
     found = dict(below)
     for section, settings in above.items():
-        both = isinstance(settings, Mapping) and isinstance(found.get(section), Mapping)
-        found[section] = {**found[section], **settings} if both else settings
+        if isinstance(settings, Mapping) and isinstance(found.get(section), Mapping):
+            under = found[section]
+            if section == "traffic" and "kind" in settings:
+                under = {key: under[key] for key in under if key in KEPT_BY_KINDS}
+            found[section] = {**under, **settings}
+        else:
+            found[section] = settings
     return found
+
+
+KEPT_BY_KINDS = {"vehicles_min", "vehicles_max"}
+"""The settings of [traffic] that ``with_traffic`` leaves as they are."""
 
 
 SETTING = re.compile(r"(\w+)\.(\w+)=(.*)", re.DOTALL)

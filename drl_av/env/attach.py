@@ -86,10 +86,10 @@ def attach(
         check = safety_check
     if isinstance(driver, str | Path):
         [driver] = make_drivers(specs, settings, check).values()
-    elif settings.driver.hold_s:
-        driver = SteadyDriver(driver, check, settings)
     if isinstance(driver, SumoDriver):
         raise ConfigError("SUMO drives the vehicle already: attach a driver that has actions.")
+    if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
+        driver = SteadyDriver(driver, check, settings)
     return AttachedEgo(around, driver, check, settings)
 
 

@@ -86,12 +86,12 @@ def custom_reward(function: RewardFunction, transition: Transition) -> float:
     """Return the reward of a transition that the user's own function computes.
 
     Raises:
-        ConfigError: the function does not return a finite number, or more than ``MOST_REWARD``.
+        ConfigError: the function does not return a finite number of size ``MOST_REWARD`` at most.
     """
     reward = function(transition)
     if isinstance(reward, int | float | np.number) and abs(reward) <= MOST_REWARD:
         return float(reward)
     raise ConfigError(
-        f"The reward function returned {reward!r}, but must return a finite number of at most "
-        f"{MOST_REWARD:g}."
+        f"The reward function returned {reward!r}, but must return a finite number between "
+        f"{-MOST_REWARD:g} and {MOST_REWARD:g}."
     )

@@ -2,11 +2,11 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from drl_av.learning.algorithm_1 import (
     Training,
     build_training,
 )
+
+OPEN = {"scenario", "sumo_options"}
+"""The parts of a run without an episode that may still be corrected."""
+WITH_RESUME = "continue it with --resume, or "
 
 
 class Progress(NamedTuple):
@@ -58,7 +62,7 @@ class Run:
             CheckpointError: the checkpoint cannot be written.
         """
         self._parts = custom_inputs(training.config, self._custom)
-        require_new(self.folder, "continue it with --resume, or ")
+        require_new(self.folder, WITH_RESUME)
         with refusals_to_make(self.folder):
             self.folder.parent.mkdir(parents=True, exist_ok=True)
         with replacing(self.folder, RunError) as folder:
@@ -118,8 +122,7 @@ class Run:
                 "take an older copy, or begin a new run."
             ) from error
         self._parts = custom_inputs(training.config, self._custom)
-        if training.episodes_done:
-            self._require_parts(begun, training.config)
+        self._require_parts(begun, training.config, set() if training.episodes_done else OPEN)
         for name, size in sizes.items():
             self._require_rows(self.folder / name, size, training.episodes_done)
         for name, size in sizes.items():
@@ -128,11 +131,16 @@ class Run:
                 with _refusals_of(file):
                     os.truncate(file, size)
 
-    def _require_parts(self, begun: Mapping[str, str], config: Config) -> None:
-        """Raise RunError unless scenario and user's parts are those of the training's beginning."""
+    def _require_parts(
+        self, begun: Mapping[str, str], config: Config, but: Collection[str]
+    ) -> None:
+        """Raise RunError unless scenario and user's parts are those of the training's beginning.
+
+        The parts ``but`` may be others.
+        """
         for name, now in self._parts.items():
             was, option = begun.get(name, ""), "--" + name.replace("_", "-")
-            if was == now:
+            if was == now or name in but:
                 continue
             word, now_word = _without_digest(was), _without_digest(now)
             if name == "scenario":
@@ -274,7 +282,9 @@ def open_training(
         RunError: the folder is not new, cannot be made, or another process trains in it.
         CheckpointError: the checkpoint is damaged or of other settings, or cannot be written.
     """
-    require_no_hold(config)
+    if not resume:
+        require_no_hold(config)
+        require_new(folder, WITH_RESUME)
     run, usual = Run(folder, custom), asdict(PpoConfig())
     if others := [name for name, value in asdict(config.ppo).items() if value != usual[name]]:
         raise ConfigError(
@@ -329,11 +339,11 @@ def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
     If the policy file is the ``policy.safetensors`` of a run with a checkpoint, the training gets
     the checkpoint's network, target network, Adam moments and experience (returns True).
     Otherwise the online and the target network are copies of the policy's network, and the
-    buffers stay empty (returns False). ``reward`` is the word of the user's own reward, if any.
+    buffers stay empty (returns False). ``reward`` is the user's own reward, as ``custom_inputs``
+    has it.
 
     Raises:
-        RunError: the experience has the rewards of another function than ``reward``, or another
-            discount.
+        RunError: the experience has other rewards or another discount.
         CheckpointError: a file is damaged, or does not fit the settings of this training.
     """
     tensors, numbers = training.state()
@@ -343,27 +353,32 @@ def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
         tensors, found = load(checkpoint_file)
         if found.get("kind") != "training":
             raise CheckpointError(f"{checkpoint_file} is not a training's: put back the run's own.")
-        was = _without_digest(found["custom"].get("reward", ""))
-        if was != reward:
-            how, remedy = f"with --reward {was}", "give it again"
-            if not was:
-                how, remedy = "without --reward", "leave it out"
-            raise RunError(
-                f"{policy_file.parent} was trained {how}, and its experience has those rewards: "
-                f"{remedy}, or move {checkpoint_file.name} away to adapt without that experience."
-            )
-        discounts = (
-            config.learning.discount
-            for config in (from_toml(str(found["config"])), training.config)
-        )
-        if len({*discounts}) > 1:
-            raise RunError(
-                f"{policy_file.parent} was trained with another learning.discount, which its "
-                f"experience has: leave it out, or move {checkpoint_file.name} away to adapt "
-                "without that experience."
-            )
+        _require_its_rewards(policy_file.parent, found, training.config, reward)
     else:
         network, _ = load_policy(policy_file)
         tensors |= {"learner.online": network.flat, "learner.target": network.flat}
     training.restore(tensors, numbers)
     return experienced
+
+
+def _require_its_rewards(run: Path, found: Mapping[str, Any], config: Config, reward: str) -> None:
+    """Raise RunError unless the experience of a checkpoint has the rewards of this training."""
+    away = "move its checkpoint.safetensors away to adapt without that experience."
+    was, before = str(dict(found.get("custom", {})).get("reward", "")), from_toml(found["config"])
+    if was != reward:
+        word = _without_digest(was)
+        how, remedy = f"with --reward {word}", "give it again, or "
+        if not was:
+            how, remedy = "without --reward", "leave it out, or "
+        elif word == _without_digest(reward):
+            how, remedy = f"with another module of --reward {word}", "put it back, or "
+        elif "<" in word:
+            remedy = ""
+        raise RunError(
+            f"{run} was trained {how}, and its experience has those rewards: {remedy}{away}"
+        )
+    if (before.reward, before.learning.discount) != (config.reward, config.learning.discount):
+        raise RunError(
+            f"{run} was trained with other settings of [reward] or learning.discount, which its "
+            f"experience has: leave them as they were, or {away}"
+        )

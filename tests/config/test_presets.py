@@ -148,3 +148,8 @@ def test_settings_that_fit_together_are_taken_in_any_order(order: int, tmp_path:
         assert (found.vehicles_min, found.vehicles_max) == (40, 50)
     with pytest.raises(ConfigError, match=r"In traffic.vehicles_min=40: .*they are 40, 30"):
         with_files(Config(), ["traffic.vehicles_min=40", "safety.check=strict"])
+    with pytest.raises(ConfigError, match=r"no key 'vehicle_max' \(did you mean 'vehicles_max'"):
+        with_files(Config(), ["traffic.vehicles_min=40", "traffic.vehicle_max=50"])
+    late = ["traffic.truck_share=0.2", "traffic.kind=calm"]
+    for words in (late, [pair[0], *late, pair[1]]):  # a kind resets what is before it, always
+        assert with_files(Config(), words).traffic.truck_share == 0.0

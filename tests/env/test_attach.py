@@ -74,7 +74,7 @@ def car(name: str, lane: int, at_m: float, speed: float = 20, route: str = "on")
     )
 
 
-MAINTAIN, MAINTAIN_RIGHT = 0, 4
+MAINTAIN, ACCELERATE, MAINTAIN_RIGHT = 0, 1, 4
 
 
 class Keeps:
@@ -162,6 +162,24 @@ def test_it_says_what_it_does_and_why_once_a_second(net: Path, sumo: ModuleType)
     assert ego.step() is not None
 
 
+class Hurries(Keeps):
+    """Accelerates."""
+
+    def act(self, scene: Scene, observation: object) -> Action:
+        return Action(Lateral.KEEP, Longitudinal.ACCELERATE)
+
+
+@pytest.mark.parametrize(("hold_s", "proposes"), [(0.0, ACCELERATE), (20.0, MAINTAIN)])
+def test_a_driver_of_the_user_holds_its_speed_too(
+    net: Path, sumo: ModuleType, hold_s: float, proposes: int
+) -> None:
+    begin(net, car("ego", 2, 100, 20) + car("slow", 2, 165, 19))
+    ego = drl_av.attach(sumo, "ego", Hurries(), "paper", config={"driver": {"hold_s": hold_s}})
+    decision = ego.step()
+    assert decision is not None
+    assert decision["proposed_action"] == proposes
+
+
 def test_it_enters_an_edge_within_its_limit_and_goes_when_the_vehicle_has_arrived(
     net: Path, sumo: ModuleType
 ) -> None:
@@ -228,6 +246,12 @@ HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
         ),
         ((), CAR, {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
         ((), CAR, {"driver": "sumo"}, "SUMO drives the vehicle already"),
+        (
+            (),
+            CAR,
+            {"driver": drl_av.load_driver("sumo"), "config": {"driver": {"hold_s": 2.0}}},
+            "SUMO drives the vehicle already",
+        ),
         ((), CAR, {"driver": 3}, r"driver is a int, but must be a name, a path, .* start\(seed\)"),
         (
             (),

@@ -165,6 +165,10 @@ def test_with_criticality_comfort_is_nuplan_s_share_too() -> None:
         assert found.result == result
         assert found.ours == pytest.approx(sum(decisions) / len(decisions))
         assert found.theirs == 90.0
+    mine[3] = replace(mine[3], decisions=1)  # of all decisions, 270 of 301, not 67.5 %
+    assert judged(comfortable(mine, 90, 90, 90, 0), among).criterion("comfort").ours == (
+        pytest.approx(100 * 270 / 301)
+    )
     with pytest.raises(KeyError, match="comfort"):
         judged(mine, RULES).criterion("comfort")
 

@@ -197,7 +197,6 @@ def test_one_driver_under_two_checks_is_not_one_curve(
     assert main(["figures", *tables, "--out", str(tmp_path)]) == 1
     said = error_message(capsys)
     assert "rows of idm under the checks paper and strict" in said
-    assert "idm@paper and idm@strict" in said
 
 
 def test_a_run_without_an_evaluation_says_so(

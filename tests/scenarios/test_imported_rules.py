@@ -277,7 +277,7 @@ def test_the_limits_of_a_written_network_are_not_changed_in_silence(tmp_path: Pa
     write_scenario(tmp_path / "road", described(curved(tmp_path, 150.0), "C", "C"))
     written = read_description(tmp_path / "road" / "scenario.toml", "correct it")
     for name in ("sideways_m_s2", "lowest_limit_m_s"):
-        with pytest.raises(ScenarioError, match="import the network anew with them"):
+        with pytest.raises(ScenarioError, match="or import the network anew"):
             replace(written, **{name: 3.0})
 
 

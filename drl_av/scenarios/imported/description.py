@@ -98,8 +98,8 @@ class ImportedDescription(OpenDescription):
         net, is_written = Path(self.net), self.left_out is not None
         if is_written and (self.lowest_limit_m_s, self.sideways_m_s2) != IN_THE_NETWORK:
             raise ScenarioError(
-                f"{self.net} has its limits from the time when it was imported: leave "
-                "lowest_limit_m_s and sideways_m_s2 out, or import the network anew with them."
+                f"{self.net} has its limits from the time when it was imported: keep "
+                "lowest_limit_m_s = 1.0 and sideways_m_s2 = 10000.0, or import the network anew."
             )
         remedy = WRITE_AGAIN if is_written and net.name == NETWORK_FILE else REMEDY
         route = read_route(net, self.from_edge, self.to_edge, remedy)
