@@ -103,7 +103,7 @@ def test_a_reward_that_single_precision_cannot_learn_is_refused() -> None:
     env = HighwayEnv(reward=lambda _: 1e30)
     start(env, 0)
     with pytest.raises(
-        ConfigError, match=r"returned 1e\+30, but must return a finite number of at"
+        ConfigError, match=r"returned 1e\+30, but must return a finite number between"
     ):
         env.step(KEEP)
     env.close()
