@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -219,15 +219,17 @@ def require_new(folder: Path, remedy: str = "") -> None:
 
 
 @contextmanager
-def refusals_to_make(folder: Path) -> Iterator[None]:
-    """Replace an OSError in the block, which makes a run's folder, by a RunError."""
+def refusals(what: str, remedy: str) -> Iterator[None]:
+    """Replace an OSError in the block by a RunError that says what cannot be done, and a remedy."""
     try:
         yield
     except OSError as error:
-        raise RunError(
-            f"The run folder {folder} cannot be made ({error.strerror}): choose another folder "
-            "with --out."
-        ) from error
+        raise RunError(f"{what} ({error.strerror or error}): {remedy}.") from error
+
+
+def refusals_to_make(folder: Path) -> AbstractContextManager[None]:
+    """Replace an OSError in the block, which makes a run's folder, by a RunError."""
+    return refusals(f"The run folder {folder} cannot be made", "choose another folder with --out")
 
 
 def _without_digest(part: str) -> str:
@@ -243,16 +245,13 @@ def _fits(stored: str, config: Config) -> bool:
         return False
 
 
-@contextmanager
-def _refusals_of(file: Path) -> Iterator[None]:
+def _refusals_of(file: Path) -> AbstractContextManager[None]:
     """Replace an OSError in the block by a RunError that says how to continue."""
-    try:
-        yield
-    except OSError as error:
-        raise RunError(
-            f"{file} cannot be written ({error.strerror}): free some space or make it writable, "
-            "then continue with --resume; nothing saved before is lost."
-        ) from error
+    return refusals(
+        f"{file} cannot be written",
+        "free some space or make it writable, then continue with --resume; nothing saved before is "
+        "lost",
+    )
 
 
 def require_no_hold(config: Config) -> None:

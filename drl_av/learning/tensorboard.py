@@ -3,12 +3,12 @@
 import importlib.util
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from drl_av.errors import DrlAvError, RunError
-from drl_av.learning.run_folder import Progress
+from drl_av.errors import DrlAvError
+from drl_av.learning.run_folder import Progress, refusals
 
 
 def require_tensorboard() -> None:
@@ -63,12 +63,8 @@ def _quiet_refusal(hook: Callable[[threading.ExceptHookArgs], object]) -> None:
     threading.excepthook = report
 
 
-@contextmanager
-def _refusals_of(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise RunError(
-            f"The TensorBoard events in {folder} cannot be written ({error.strerror or error}): "
-            "free some space, or continue with --resume and without --tensorboard."
-        ) from error
+def _refusals_of(folder: Path) -> AbstractContextManager[None]:
+    return refusals(
+        f"The TensorBoard events in {folder} cannot be written",
+        "free some space, or continue with --resume and without --tensorboard",
+    )
