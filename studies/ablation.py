@@ -29,10 +29,8 @@ from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
 from drl_av.twin.worlds import FloatArray, IntArray
 from studies.options import RESULTS
 
-SCHEDULE = 8_000_000
-"""Decisions over which the learning rate falls to 0."""
 DECISIONS = 4_000_000
-"""Decisions after which a training ends."""
+"""Decisions of a training."""
 COUNTS = 5, 10, 15, 20, 25
 FIRST_SEED, EPISODES = 870_000, 100
 RULE = "gap-mobil"
@@ -117,14 +115,11 @@ VARIANTS = {
     "paper-reward": Variant("the paper's reward", worlds=PaperRewardWorlds),
     "symmetric": Variant("the critic sees no more", _ppo(asymmetric_critic=False)),
     "trace-95": Variant("trace decay 0.95", _ppo(gae_lambda=0.95)),
-    "rate": Variant("half the learning rate", _ppo(learning_rate=5e-4)),
     "discount-90": Variant("discount 0.90", _ppo(discount=0.9)),
-    "discount-97": Variant("discount 0.97", _ppo(discount=0.97)),
+    "discount-95": Variant("discount 0.95", _ppo(discount=0.95)),
     "discount-99": Variant("discount 0.99", _ppo(discount=0.99)),
-    "no-costs": Variant(
-        "speed alone",
-        _ppo(**dict.fromkeys(COSTS, 0.0)),
-    ),
+    "discount-995": Variant("discount 0.995", _ppo(discount=0.995)),
+    "no-costs": Variant("speed alone", _ppo(**dict.fromkeys(COSTS, 0.0))),
     "calm": Variant(
         "calm traffic alone", lambda config: config.updated("traffic", presets=("calm",))
     ),
@@ -147,7 +142,7 @@ class Row(NamedTuple):
 
 def settings(variant: str, seed: int) -> Config:
     """Return the settings of a training."""
-    preset = PRESETS["large"].updated("ppo", decisions=SCHEDULE).updated("learning", seed=seed)
+    preset = PRESETS["large"].updated("ppo", decisions=DECISIONS).updated("learning", seed=seed)
     return VARIANTS[variant].changes(preset)
 
 
