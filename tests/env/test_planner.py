@@ -297,24 +297,22 @@ def test_a_truck_is_believed_to_be_a_truck() -> None:
     assert not of._drawn.is_truck[rows[:, 1]].any()
 
 
-def test_it_comes_farther_than_its_base_policy_and_repeats_itself() -> None:
+def test_it_repeats_an_episode() -> None:
     config = STRICT.updated("simulation", decisions_per_episode=60)
-    drivers = make_drivers(find_drivers(["planner", "pretrained"]), config)
+    [planner] = make_drivers(find_drivers(["planner"]), config).values()
     with HighwayEnv(config=config) as env:
 
-        def speed_m_s(name: str) -> float:
+        def speed_m_s() -> float:
             observation, _ = env.reset(seed=830_000, options={"vehicles": 15})
-            drivers[name].start(830_000)
+            planner.start(830_000)
             over = False
             while not over:
-                action = drivers[name].act(env.scene, observation)
+                action = planner.act(env.scene, observation)
                 observation, _, hit, over, info = env.step(action.number)
                 assert not hit
             return float(info["mean_speed_m_s"])
 
-        found = speed_m_s("planner")
-        assert found > speed_m_s("pretrained")
-        assert speed_m_s("planner") == found
+        assert speed_m_s() == speed_m_s() > 20.0
 
 
 def test_a_copy_from_another_process_decides_alike() -> None:
