@@ -1,5 +1,6 @@
 """Writes videos of scenes, and interpolates a scene between two decisions."""
 
+import math
 import os
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -15,6 +16,9 @@ from drl_av.errors import RecordingError, needed_by
 from drl_av.files import replacing
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import Snapshot
+
+GIF_FPS = 50
+"""Most frames a second of a .gif file: programs show a frame of less than 20 ms for 100 ms."""
 
 
 def interpolated(a: Snapshot, b: Snapshot, fraction: float, road: Road) -> Snapshot:
@@ -75,7 +79,8 @@ def require_film(path: Path, fps: float) -> None:
 
     Raises:
         RecordingError: the suffix is not .mp4 or .gif, the folder does not exist, ``path`` is a
-            folder, ``fps`` is not positive, or the encoder of .mp4 is not installed.
+            folder, ``fps`` is not positive or too large for a .gif file, or the encoder of .mp4 is
+            not installed.
     """
     if path.suffix.lower() not in (".mp4", ".gif"):
         given = f"not in {path.suffix}" if path.suffix else "and it has no suffix"
@@ -86,10 +91,15 @@ def require_film(path: Path, fps: float) -> None:
         )
     if path.is_dir():
         raise RecordingError(f"Cannot write {path}: it is a folder; choose another name.")
-    if not fps > 0:
+    if not 0 < fps < math.inf:
         raise RecordingError(f"Cannot write {path} at {fps:g} frames a second: choose more than 0.")
     if path.suffix.lower() == ".mp4":
         _ffmpeg()
+    elif fps > GIF_FPS:
+        raise RecordingError(
+            f"Cannot write {path} at {fps:g} frames a second, because a .gif file shows at most "
+            f"{GIF_FPS}: choose a lower rate, or name an .mp4 file."
+        )
 
 
 def _ffmpeg() -> ModuleType:

@@ -1,5 +1,6 @@
 """Pictures of a scene, moments between decisions, and videos."""
 
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -247,6 +248,8 @@ def test_frames_that_fail_leave_the_former_video_and_no_pieces(tmp_path: Path, n
         ("ride", 5, 1, "it has no suffix"),
         ("missing/ride.mp4", 5, 1, "does not exist; create it"),
         ("ride.mp4", 0, 1, "more than 0"),
+        ("ride.mp4", math.inf, 1, "more than 0"),
+        ("ride.gif", 51, 1, "a .gif file shows at most 50: choose a lower rate, or name an .mp4"),
         ("ride.mp4", 5, 0, "no frames"),
         ("ride.gif", 5, 0, "no frames"),
     ],
