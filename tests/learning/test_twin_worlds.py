@@ -259,6 +259,17 @@ def test_trainings_with_neighbouring_seeds_and_the_parts_of_one_drive_other_traf
     assert len(set(begun)) == 16
     again = Part(slice(0, 4), config, 3).env.episodes.scene
     assert again.tobytes() == parts[0].env.episodes.scene.tobytes()
+    later = [part._rng.integers(1_000_000) for part in parts]  # the densities of open roads
+    assert len(set(later)) == 4
+
+
+def test_trainings_with_neighbouring_seeds_begin_their_episodes_at_other_times() -> None:
+    config = LARGE.updated("simulation", decisions_per_episode=99)
+    begun = [
+        np.concatenate([part.env.episodes.decisions for part in TwinWorlds(config, seed).parts])
+        for seed in (3, 4)
+    ]
+    assert (begun[0] != begun[1]).any()
 
 
 def whole_road(part: Part, world: int) -> FloatArray:
@@ -303,13 +314,26 @@ def test_the_critic_sees_all_vehicles_also_where_an_episode_ends_and_another_beg
     assert ended >= 8
 
 
+def test_on_an_open_road_the_critic_does_not_see_those_that_have_left() -> None:
+    config = TO_THE_EXIT.updated("ppo", worlds=6, asymmetric_critic=True)
+    worlds, gone = TwinWorlds(config.updated("traffic", presets=("calm",)), seed=3), 0
+    [part] = worlds.parts
+    for _ in range(6):
+        observed, *_ = worlds.step(np.zeros(6, np.int64))
+        for row in range(6):
+            vehicles = observed[row, TwinWorlds.SIZE : -1 : 3].sum() / 0.2
+            assert vehicles == pytest.approx(len(part.env.scene(row).snapshot.ids) - 1, abs=1e-3)
+            gone += part.env.worlds.near[row, COUNT] > vehicles + 1.5
+    assert gone > 0
+
+
 def test_a_vehicle_is_seen_in_its_place_and_those_that_are_none_are_not() -> None:
     scene, x = np.zeros((2, 6, 7)), np.zeros((2, EXPECTED_M_S + 3, 7))
     # the ego of world 1 is at 990 m of a loop of 1000 m; the others are 20 and 21 m ahead of it in
     # the left lane, 20 m behind it in its own, 150 m behind it beyond the right one, and 460 m
-    # ahead; the last column is no vehicle of this world
+    # ahead beyond the left one; the last column is no vehicle of this world
     scene[1, 0] = 990.0, 10.0, 11.0, 970.0, 840.0, 450.0, 20.0
-    scene[1, 1] = 3.8, 7.6, 7.6, 3.8, -3.0, 7.6, 3.8
+    scene[1, 1] = 3.8, 7.6, 7.6, 3.8, -3.0, 11.4, 3.8
     scene[1, 2] = 25.0, 23.0, 26.0, 20.0, 17.0, 20.0, 35.0
     x[1, DESIRED_M_S] = 30.0, 26.0, 29.0, 20.0, 35.0, 32.0, 35.0
     road = road_numbers(replace(ROAD, lap_m=1000.0))
@@ -342,8 +366,10 @@ def test_only_the_critic_depends_on_what_no_driver_sees() -> None:
     assert not torch.isclose(values, their_values).any()
 
 
-def test_a_training_of_one_update_learns_at_the_rate_that_is_set() -> None:
+@pytest.mark.parametrize("asymmetric", [True, False])
+def test_a_training_of_one_update_learns_at_the_rate_that_is_set(asymmetric: bool) -> None:
     config = LARGE.updated("ppo", batch_size=16, minibatch_size=8, decisions=32)
+    config = config.updated("ppo", asymmetric_critic=asymmetric)
     learner = learner_of(config, TwinWorlds(config, 3))
     first = learner.policy.action_net.weight.clone()
     learner.learn(16)

@@ -6,6 +6,7 @@ import pytest
 
 from drl_av.config import SINGLE_PRESETS
 from drl_av.files import read_table
+from drl_av.learning.large_scale import learner_of, save_actor
 from studies import ablation
 from studies.ablation import VARIANTS, TwinWorlds, TwoSecondWorlds, settings
 
@@ -26,7 +27,7 @@ def test_each_variant_is_the_preset_but_for_its_choice() -> None:
     assert all(sections == ["ppo"] for sections in changed.values())
 
 
-@pytest.mark.parametrize("worlds", {variant.worlds for variant in VARIANTS.values()})
+@pytest.mark.parametrize("worlds", [*dict.fromkeys(v.worlds for v in VARIANTS.values())])
 def test_each_variant_is_measured_in_the_traffic_of_the_rule(
     worlds: type[TwinWorlds], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -35,6 +36,20 @@ def test_each_variant_is_measured_in_the_traffic_of_the_rule(
     (found, hits), (usual, _) = (ablation.speeds("calm", None, w) for w in (worlds, TwinWorlds))
     assert (found == usual).all()
     assert (found.shape, hits) == ((1, 2), 0)
+
+
+@pytest.mark.parametrize("variant", ["both", "two-seconds"])
+def test_a_policy_is_driven_that_sees_what_its_variant_shows(
+    tmp_path: Path, variant: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ablation, "EPISODES", 2)
+    monkeypatch.setattr(ablation, "COUNTS", (5,))
+    config, base = settings(variant, 3).updated("ppo", worlds=10), VARIANTS[variant].worlds
+    policy = tmp_path / "untrained.safetensors"
+    save_actor(policy, learner_of(config, base(config, 3)), config)
+    found, _ = ablation.speeds("paper", policy, base)
+    assert found.shape == (1, 2)
+    assert (found > 0.0).all()
 
 
 def test_an_episode_begins_with_its_first_second_twice_and_then_remembers() -> None:

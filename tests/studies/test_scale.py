@@ -5,14 +5,12 @@ from pathlib import Path
 import pytest
 
 from drl_av.config import SINGLE_PRESETS
-from drl_av.config.presets import PRESETS
 from drl_av.files import read_table
 from studies import scale
 
 
 def test_the_table_has_the_ends_alone_and_the_worst_of_each_column() -> None:
     end = scale.POINTS[-1]
-    assert end == PRESETS["large"].ppo.decisions
     gains = {(0, end): 0.5, (1, end): 0.3, (0, 500_000): -0.2, (1, 500_000): -0.4}
     rows = [
         {"seed": seed, "decisions": decisions, "traffic": kind, "gain_m_s": gain, "ego_hits": seed}
