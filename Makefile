@@ -32,8 +32,11 @@ lint: setup
 docs: setup
 	$(BIN)/zensical build --strict --clean
 
-test: lint
-	$(BIN)/python -m pytest -n 2
+# Numba compiles the twin on one core while mypy works on the other; the tests then find it compiled.
+SMALL := -o ppo.decisions=256 -o ppo.batch_size=256 -o ppo.minibatch_size=256 -o ppo.worlds=8
+test: setup
+	$(BIN)/drl-av train --preset large $(SMALL) --out $$(mktemp -d)/driver & $(MAKE) lint && wait
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # RLlib, which pins another gymnasium, in a virtual environment of its own (minutes).
 RLLIB ?= $(HOME)/.cache/drl-av/rllib
