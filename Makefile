@@ -35,7 +35,7 @@ docs: setup
 # Numba compiles the twin on one core while mypy works on the other; the tests then find it compiled.
 SMALL := -o ppo.decisions=256 -o ppo.batch_size=256 -o ppo.minibatch_size=256 -o ppo.worlds=8
 test: setup
-	$(BIN)/drl-av train --preset large $(SMALL) --out $$(mktemp -d)/driver & $(MAKE) lint && wait
+	$(BIN)/drl-av train --preset large $(SMALL) --out $$(mktemp -d)/driver > /dev/null & $(MAKE) lint && wait
 	$(BIN)/python -m pytest -n 2
 
 # RLlib, which pins another gymnasium, in a virtual environment of its own (minutes).
