@@ -118,6 +118,7 @@ TABLES: dict[str, Table] = {
     "own_hits": Table(lambda: printed("own_hits.txt")),
     "speed_bound": Table(lambda: printed("speed_bound.txt")),
     "clairvoyant": Table(lambda: printed("clairvoyant.txt")),
+    "ablation": Table(lambda: printed("ablation.txt")),
     "scale": Table(lambda: printed("scale.txt")),
     "sharper": Table(lambda: printed("sharper.txt")),
     "shielding": Table(lambda: shielding_report.section(RESULTS_FOLDER)),
