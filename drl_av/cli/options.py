@@ -106,7 +106,7 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         "--world",
         choices=WORLDS,
         help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: "
-        "sumo, for a training that of its preset)",
+        "sumo, or that of the --preset)",
     )
     check = f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})"
     add_text(parser, "--safety-check", "NAME", check)
