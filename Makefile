@@ -8,10 +8,10 @@ DENSITIES := 1 5 10 15 20 25 30
 .PHONY: pretrained-merge pretrained-exit pretrained-ramp_to_ramp
 setup: .venv/.installed
 
+# The packages of the system and those of Python are fetched at the same time.
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
-	sh tools/install_system_libraries.sh
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,ray]'
+	sh tools/install_system_libraries.sh & system=$$!; $(PYTHON) -m venv .venv \
+	    && $(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,ray]' && wait $$system
 	touch $@
 
 demo: setup
