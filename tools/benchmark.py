@@ -23,6 +23,7 @@
                  with the same traffic seeds, network, batch and buffer; torch on one thread in
                  both; with the paper's 1 to 30 vehicles, and with 30 in every episode; then
                  Algorithm 1 in the twin beside SUMO
+    large        PPO in the twin, the preset ``large``, on all cores, beside Algorithm 1 there
     highway-env  the environment beside HighwayEnv's highway-v0 at 3 lanes, 30 vehicles and one
                  decision per second, simulated at its own default of 15 Hz
     processes    two processes that drive at the same time beside one
@@ -34,7 +35,8 @@
                  many vehicles; then bare libsumo on both roads
 
 Numbers are per second, medians over rounds in which all rows take turns, after a round of warm-up;
-a ratio is the median of the ratios of the rounds. All rows but ``processes`` run on one core.
+a ratio is the median of the ratios of the rounds. All rows but ``large`` and ``processes`` run on
+one core.
 """
 
 import argparse
@@ -79,10 +81,18 @@ def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     return benchmark_learning.train_rows(seeds, stack)
 
 
+def large_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return the row of the preset ``large``."""
+    import benchmark_learning
+
+    return benchmark_learning.large_rows(seeds, stack)
+
+
 EXTRAS = {
     "envpool": "benchmark",
     "highway_env": "benchmark",
     "torch": "train",
+    "sb3_contrib": "train",
     "stable_baselines3": "dev",
 }
 """The extra of drl-av with which each package is installed that only some rows need."""
@@ -94,6 +104,7 @@ ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "envpool": envpool_rows,
     "step": step_rows,
     "train": train_rows,
+    "large": large_rows,
     "highway-env": highway_env_rows,
     "processes": processes_rows,
     "scaling": scaling_rows,

@@ -1,25 +1,32 @@
 """Prepares the rows of ``benchmark.py`` about learning; ``benchmark_rows`` prepares the others."""
 
+import multiprocessing
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from benchmark_rows import VEHICLES, Row, crowded, exploring
 
 from drl_av.config import Config
+from drl_av.config.presets import PRESETS
 from drl_av.drivers.network import QNetwork
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.transition import Observation
 from drl_av.learning.algorithm_1 import build_training, make_buffer
 from drl_av.learning.learner import Learner
 
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
 STEPS = 500
 """Number of gradient steps in a round."""
+UPDATES = 3
+"""Number of updates of the preset ``large`` in a round."""
 
 
 def step_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
@@ -94,6 +101,41 @@ def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         train_row(f"{VEHICLES} vehicles", crowded(), seeds, stack),
         Row(f"training, {few} to {most} vehicles, in the twin | in SUMO", *worlds, 3.0),
     ]
+
+
+def large_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+    """Return the row of decisions per second of the preset ``large``, which drives in two threads.
+
+    Beside it is Algorithm 1 in the twin.
+    """
+    pipe, far = multiprocessing.get_context("spawn").Pipe()
+    multiprocessing.get_context("spawn").Process(
+        target=learn_large, args=(far,), daemon=True
+    ).start()
+    stack.callback(pipe.send, False)
+    pipe.recv()
+
+    def ours() -> float:
+        pipe.send(True)
+        return float(pipe.recv())
+
+    beside = training(exploring(Config()).updated("simulation", world="twin"), seeds, stack)
+    return [Row("preset large, all cores | Algorithm 1 in the twin", ours, beside)]
+
+
+def learn_large(pipe: "Connection[Any, Any]") -> None:
+    """Run in a process on all cores: for each True on ``pipe``, learn and send the rate."""
+    from drl_av.learning.large_scale import learner_of
+    from drl_av.learning.twin_worlds import TwinWorlds
+
+    config = PRESETS["large"]
+    learner, batch = learner_of(config, TwinWorlds(config, 0)), config.ppo.batch_size
+    pipe.send(True)
+    while pipe.recv():
+        begun = time.perf_counter()
+        for _ in range(UPDATES):
+            learner.learn(batch, reset_num_timesteps=False)
+        pipe.send(UPDATES * batch / (time.perf_counter() - begun))
 
 
 def train_row(
