@@ -103,7 +103,7 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
     from drl_av.cli.console import progress_bar, stop_request
     from drl_av.learning.large_scale import train_at_scale
 
-    _require_options_of_ppo(options, "resume")
+    _require_options_of_ppo(options)
     done, updates = 0, config.ppo.decisions // config.ppo.batch_size
     with (
         stop_request("update") as stop,
@@ -124,9 +124,9 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
     return 0
 
 
-def _require_options_of_ppo(options: argparse.Namespace, *more: str) -> None:
-    """Raise ConfigError if an option is given that only Algorithm 1 has, or one of ``more``."""
-    for option in (*more, "episodes", "replay", "tensorboard", "reward", "sumo_options"):
+def _require_options_of_ppo(options: argparse.Namespace) -> None:
+    """Raise ConfigError if an option is given that only Algorithm 1 has."""
+    for option in ("episodes", "replay", "tensorboard", "reward", "sumo_options"):
         if getattr(options, option):
             raise ConfigError(
                 f"--{option.replace('_', '-')} belongs to the training by Algorithm 1, but this "
@@ -222,6 +222,11 @@ def adapt(options: argparse.Namespace) -> int:
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
     stored = run.read_config() if options.resume else None
+    if stored is not None and stored.learning.algorithm == "ppo":
+        raise RunError(
+            f"{run.folder} holds a training at scale, which cannot continue: begin another one in "
+            "a new folder, without --resume."
+        )
     asked = _asked(options, stored)
     return asked if stored is None else _unchanged(run, stored, asked)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
 from drl_av.config.functions import is_factory
-from drl_av.config.presets import PRESETS, preset
+from drl_av.config.presets import PRESETS, keeping_kind, preset
 from drl_av.config.reference import SECTIONS, annotated_toml
 from drl_av.config.simulation import WORLDS
 from drl_av.drivers.agent import UNPICKLED
@@ -160,7 +160,7 @@ def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     """
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
-    config = with_files(config, options.config)
+    config = keeping_kind(options.traffic, config, with_files(config, options.config))
     if options.world is not None:
         config = config.updated("simulation", world=options.world)
     if options.safety_check is not None:

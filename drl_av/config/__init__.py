@@ -143,6 +143,11 @@ def from_sections(
         if not isinstance(settings, Mapping):
             raise ConfigError(f"{name}: {section} must be a section, written [{section}].")
         if section == "traffic" and "kind" in settings:
+            if settings.get("presets"):
+                raise ConfigError(
+                    f"{name}: [traffic] has kind and presets, which draws a kind of traffic for "
+                    "each episode: leave one of them out."
+                )
             config = config.with_traffic(settings["kind"])
             settings = {key: value for key, value in settings.items() if key != "kind"}
         known = [item.name for item in fields(_SECTIONS[section])]

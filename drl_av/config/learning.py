@@ -89,8 +89,8 @@ class PpoConfig(Section):
     learning_rate: first step size of Adam; it falls linearly to 0 (ours)
     discount: discount of a reward a second later (ours)
     gae_lambda: trace decay of the advantages (PPO)
-    asymmetric_critic: whether the critic also sees what no driver sees: the whole road, how fast the
-        others want to drive, and which kind of traffic it is (ours)
+    asymmetric_critic: whether the critic also sees what no driver sees: the whole road, how fast
+        the others want to drive, and which kind of traffic it is (ours)
     entropy: weight of the entropy (ours)
     abort_cost: cost of an aborted lane change, where 10 m/s more for a second earn 1 (ours)
     reversal_cost: cost of braking after accelerating, or the reverse (ours)

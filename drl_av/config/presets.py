@@ -90,16 +90,30 @@ def as_config(
         given, base = None, given
     if traffic is not None:
         base = (base or Config()).with_traffic(traffic)
-    if isinstance(given, Mapping):
-        return from_sections(given, base)
     is_file = isinstance(given, Path) or (isinstance(given, str) and os.path.exists(given))
+    if isinstance(given, Mapping):
+        return keeping_kind(traffic, base, from_sections(given, base))
     if given is None or is_file:
-        return load_config(given, base)
+        return keeping_kind(traffic, base, load_config(given, base))
     raise ConfigError(
         f"config is {given!r}{did_you_mean(given, PRESETS)}, but must be a preset "
         f"({', '.join(PRESETS)}), a TOML file that exists, sections as in "
         "{'traffic': {'vehicles_max': 5}}, or a Config."
     )
+
+
+def keeping_kind(named: str | None, base: Config | None, config: Config) -> Config:
+    """Return ``config``, which was made from ``base``, whose traffic is the kind ``named``.
+
+    Raises:
+        ConfigError: a kind was named, and the config draws its kinds of traffic.
+    """
+    if named is not None and base is not None and config.traffic.presets != base.traffic.presets:
+        raise ConfigError(
+            f"The traffic {named} is named beside traffic.presets, which draws a kind of traffic "
+            "for each episode: leave one of them out."
+        )
+    return config
 
 
 def adaptation(config: Config) -> Config:

@@ -32,8 +32,8 @@ SUMO_ALONE = (
 class TrafficConfig(Section):
     """The background traffic: the number of vehicles, and the ranges of their random parameters.
 
-    vehicles_min: fewest vehicles besides the ego in an episode (Sec. IV-B)
-    vehicles_max: N_T, most vehicles besides the ego in an episode (Sec. IV-B)
+    vehicles_min: fewest vehicles besides the ego on a loop (Sec. IV-B)
+    vehicles_max: N_T, most vehicles besides the ego on a loop (Sec. IV-B)
     presets: kinds of traffic of which each episode draws one; only the numbers of vehicles and
         keep_stopping_distance may then be set (ours)
     desired_speed_min_m_s: lowest desired speed (ours)

@@ -329,7 +329,7 @@ def _session(path: Path, observed: int) -> Run:
     if set(names) == {"observation", "action_mask"}:
         raise CheckpointError(
             f"{path} holds a driver of a training at scale, for programs without drl-av: drive it "
-            "here by the folder of its run, or as pretrained."
+            "here by its name, or the folder of its run."
         )
     shape = session.get_inputs()[0].shape if names else None
     if not own and (len(names) != 1 or not shape or shape[-1] != observed):

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, SimulationConfig, TrafficConfig
+from drl_av.config.section import did_you_mean
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.twin_simulation import TwinSimulation
@@ -80,7 +81,11 @@ def reset_options(options: Any, *further: str) -> dict[str, Any]:
         )
     for name in options:
         if name not in ("vehicles", *further):
-            raise ConfigError(f"reset has no option {name!r}; its option is: vehicles.")
+            known = "vehicles", *further
+            raise ConfigError(
+                f"reset has no option {name!r}{did_you_mean(name, known)}; its options are: "
+                f"{', '.join(known)}."
+            )
     return dict(options)
 
 

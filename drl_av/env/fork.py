@@ -13,7 +13,7 @@ from drl_av.env.episode_start import TrafficSetup
 from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.twin_simulation import TwinSimulation
-from drl_av.env.vector import TwinVectorEnv
+from drl_av.env.vector import WITH_MAKE, TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import EGO
@@ -41,9 +41,7 @@ def twin_of(whose: str, instead: str, config: Config, **arguments: Any) -> TwinV
     try:
         return TwinVectorEnv(config=config, autoreset_mode=AutoresetMode.DISABLED, **arguments)
     except ConfigError as error:
-        reason = str(error)
-        if "drive in SUMO" in reason:
-            reason = f"{reason.partition(':')[0]}: {instead}."
+        reason = str(error).replace(WITH_MAKE, instead)
         raise ConfigError(f"{whose} in the twin. {reason}") from error
 
 

@@ -31,7 +31,7 @@ from drl_av.scenarios.folder import Scenario
 from drl_av.twin.commands import drive_traffic, happen
 from drl_av.twin.following import STEP_S
 from drl_av.twin.step import sumo_step
-from drl_av.twin.traffic import net_of
+from drl_av.twin.traffic import IN_SUMO, net_of
 from drl_av.twin.worlds import (
     ASIDE_M,
     COUNT,
@@ -122,7 +122,7 @@ def task_of(scenario: Scenario, config: Config) -> Task:
     if check not in CHECK_NUMBERS:
         raise ConfigError(
             f"The twin has the checks {', '.join(CHECK_NUMBERS)}, but not {check}: name one of "
-            'them, or drive in SUMO (simulation.world = "sumo").'
+            f"them, or {IN_SUMO}."
         )
     scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
     return Task(

@@ -17,7 +17,7 @@ from drl_av.drivers.policy_file import save
 from drl_av.env.fork import twin_of
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.files import append_rows, locked, table_bytes
-from drl_av.learning.run_folder import refusals_to_make, require_new, require_no_hold
+from drl_av.learning.run_folder import AT_SCALE, refusals_to_make, require_new, require_no_hold
 
 try:
     import torch
@@ -77,7 +77,7 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
     _require_settings(config)
     require_new(folder)
     settings, worlds = config.ppo, TwinWorlds(config, config.learning.seed)
-    learner, table = learner_of(config, worlds), folder / "updates.csv"
+    learner, table = learner_of(config, worlds), folder / AT_SCALE
     updates, policy = settings.decisions // settings.batch_size, folder / "policy.safetensors"
     with refusals_to_make(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -124,6 +124,11 @@ def _require_settings(config: Config) -> None:
         raise ConfigError(
             f"ppo.decisions is {ppo.decisions}, but must be at least ppo.batch_size, "
             f"{ppo.batch_size}: nothing is learned before a batch is full."
+        )
+    if ppo.minibatch_size > ppo.batch_size:
+        raise ConfigError(
+            f"ppo.minibatch_size is {ppo.minibatch_size}, but a batch has {ppo.batch_size} "
+            "decisions (ppo.batch_size): lower it to as many, or raise that."
         )
     if min(ppo.minibatch_size, ppo.batch_size % ppo.minibatch_size or 2) == 1:
         raise ConfigError(

@@ -27,7 +27,8 @@ from drl_av.learning.algorithm_1 import (
 
 OPEN = {"scenario", "sumo_options"}
 """The parts of a run without an episode that may still be corrected."""
-WITH_RESUME = "continue it with --resume, or "
+AT_SCALE = "updates.csv"
+"""The table of a training at scale, which no run of Algorithm 1 has."""
 
 
 class Progress(NamedTuple):
@@ -62,7 +63,7 @@ class Run:
             CheckpointError: the checkpoint cannot be written.
         """
         self._parts = custom_inputs(training.config, self._custom)
-        require_new(self.folder, WITH_RESUME)
+        require_new(self.folder, resumable=True)
         with refusals_to_make(self.folder):
             self.folder.parent.mkdir(parents=True, exist_ok=True)
         with replacing(self.folder, RunError) as folder:
@@ -204,10 +205,10 @@ class Run:
             stream.write(table_bytes(type(row), [row], header=False))
 
 
-def require_new(folder: Path, remedy: str = "") -> None:
+def require_new(folder: Path, resumable: bool = False) -> None:
     """Raise RunError if a run's folder has files already, or looks like the file of a driver.
 
-    ``remedy`` is what else one may do if it has files.
+    ``resumable`` says whether the new run would be one that can be resumed.
     """
     if folder.suffix.lower() in DRIVER_FILES:
         raise RunError(
@@ -215,6 +216,8 @@ def require_new(folder: Path, remedy: str = "") -> None:
             "another name."
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        continues = resumable and not (folder / AT_SCALE).exists()
+        remedy = "continue it with --resume, or " if continues else ""
         raise RunError(f"{folder} exists already: {remedy}choose another folder with --out.")
 
 
@@ -283,7 +286,7 @@ def open_training(
     """
     if not resume:
         require_no_hold(config)
-        require_new(folder, WITH_RESUME)
+        require_new(folder, resumable=True)
     run, usual = Run(folder, custom), asdict(PpoConfig())
     if others := [name for name, value in asdict(config.ppo).items() if value != usual[name]]:
         raise ConfigError(

@@ -81,6 +81,8 @@ RIGHT_RELUCTANCE = 10.0
 ONLY_SUMO = int(DriverModel.SUMO)
 GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
+IN_SUMO = 'drive in SUMO (simulation.world = "sumo")'
+"""What a user can do about what the twin does not know."""
 
 
 def net_of(scenario: Scenario, config: Config) -> Net:
@@ -170,9 +172,7 @@ def require_supported(scenario: Scenario, config: Config) -> None:
     }
     for what, is_so in refused.items():
         if is_so:
-            raise ConfigError(
-                f'The twin does not know {what}: drive in SUMO (simulation.world = "sumo").'
-            )
+            raise ConfigError(f"The twin does not know {what}: {IN_SUMO}.")
 
 
 class Drawn(NamedTuple):

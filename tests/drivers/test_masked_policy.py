@@ -169,9 +169,16 @@ def test_a_driver_of_another_range_and_a_damaged_file_are_refused(
         load_driver(cut)
 
 
-def test_a_folder_that_is_not_empty_is_left_alone(run: Path) -> None:
+def test_a_folder_that_is_not_empty_is_left_alone_and_not_said_to_be_resumable(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(RunError, match="exists already"):
         next(train_at_scale(run, SMALL))
+    assert main(["train", "--out", str(run), "--preset", "paper"]) == 1
+    assert capsys.readouterr().err.endswith("exists already: choose another folder with --out.\n")
+    for words in ([], ["--preset", "large"], ["--preset", "large-exit"]):
+        assert main(["train", "--out", str(run), "--resume", *words]) == 1
+        assert "holds a training at scale, which cannot continue" in capsys.readouterr().err
 
 
 def test_the_environment_gives_the_wide_observation_by_its_name() -> None:
@@ -202,7 +209,7 @@ def test_the_onnx_file_decides_as_the_driver(run: Path, tmp_path: Path) -> None:
         assert logits[row] == pytest.approx(values, abs=1e-5)
         ranked = values if not mask[row].any() else np.where(mask[row], values, -np.inf)
         assert actions[row] == ranked.argmax(), row
-    with pytest.raises(CheckpointError, match="drive it here by the folder of its run"):
+    with pytest.raises(CheckpointError, match="drive it here by its name, or the folder of its run"):
         load_driver(file)
 
 
@@ -240,6 +247,10 @@ def test_what_the_twin_lacks_is_not_trained_at_scale_and_the_way_out_is_another_
         "drl-av: PPO at scale learns in the twin. The twin does not know a "
         "simulation.step_length_s other than 0.5: take --preset paper or paper-merge.\n"
     )
+    assert main([*words, "--safety-check", "mine:check"]) == 1
+    assert capsys.readouterr().err.endswith(
+        "but not mine:check: name one of them, or take --preset paper or paper-merge.\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -250,6 +261,7 @@ def test_what_the_twin_lacks_is_not_trained_at_scale_and_the_way_out_is_another_
         ("worlds=8 batch_size=64 decisions=63", "decisions is 63, but must be at least ppo.batch"),
         ("worlds=8 batch_size=64 decisions=64 minibatch_size=63", "leaves a minibatch of one"),
         ("worlds=8 batch_size=64 decisions=64 minibatch_size=1", "leaves a minibatch of one"),
+        ("worlds=8 batch_size=64 decisions=64 minibatch_size=65", "a batch has 64 decisions"),
     ],
 )
 def test_numbers_of_ppo_that_do_not_fit_each_other_are_refused_before_a_folder_is_made(

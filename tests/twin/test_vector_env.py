@@ -182,6 +182,9 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
         ({"render_mode": "rgb_array"}, "leave render_mode and sumo_options out"),
         ({"sumo_options": "--fcd-output fcd.xml"}, "leave render_mode and sumo_options out"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
+        ({"max_episode_steps": 201}, "max_episode_steps is 201, but must be .* 200"),
+        ({"autoreset_mode": "Same"}, "but must be one of: NextStep, SameStep, Disabled"),
+        ({"scenario": "barricade"}, "places exactly: take gymnasium.make"),
         ({"safety_check": 3}, "safety_check is 3, but the twin has the named checks only"),
         ({"scenario": {"lanes": 2}}, "scenario is of the type dict"),
     ],
@@ -189,6 +192,11 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
 def test_an_argument_that_make_vec_cannot_take_is_refused(given: Any, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         TwinVectorEnv(2, **given)
+
+
+def test_a_reset_names_the_options_that_it_has() -> None:
+    with pytest.raises(ConfigError, match="no option 'resetmask'.*: vehicles, reset_mask"):
+        TwinVectorEnv(2).reset(options={"resetmask": [True, False]})
 
 
 @pytest.mark.parametrize("threads", [1, 2])
