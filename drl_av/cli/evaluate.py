@@ -135,6 +135,7 @@ def evaluate(options: argparse.Namespace) -> int:
         write_summaries,
     )
     from drl_av.files import make_folder, require_suffix, require_writable
+    from drl_av.simulation.start_sumo import files_of_sumo
 
     if options.engine == RAY:
         from drl_av.evaluation.engines import require_ray
@@ -142,11 +143,13 @@ def evaluate(options: argparse.Namespace) -> int:
         require_ray()
     words = [*options.runs, *options.driver]
     inputs = [*options.config, *words]
-    require_writable(options.out, options.json, inputs=inputs)
+    by_sumo = files_of_sumo(options.sumo_options)
+    require_writable(options.out, options.json, inputs=inputs, by_sumo=by_sumo)
     require_suffix(options.out, ".csv")
     require_suffix(options.json, ".json")
     if options.out:
-        require_writable(options.out.with_suffix(PROVENANCE), options.json, inputs=inputs)
+        beside = options.out.with_suffix(PROVENANCE)
+        require_writable(beside, options.json, inputs=inputs, by_sumo=by_sumo)
     specs = find_drivers(words or ["pretrained"])
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
@@ -158,7 +161,7 @@ def evaluate(options: argparse.Namespace) -> int:
     vehicles = tuple(number for part in options.vehicles or () for number in part)
     recordings = None
     if folder := options.record or options.record_failures:
-        make_folder(folder, "--record")
+        make_folder(folder, "--record" if options.record else "--record-failures")
         recordings = RecordingFolder(folder.absolute(), failures_only=not options.record)
     parts = metrics, custom_parts(options), recordings
     evaluation = Evaluation(config, specs, vehicles, seeds, *parts)
@@ -253,8 +256,8 @@ def _rows(
         yield from found_there
         if held and (options.record or options.record_failures):
             print(
-                f"drl-av: {pluralize(len(held), 'episode')} of {table.path} are not driven again "
-                "and not recorded: choose another --out to record them.",
+                f"drl-av: {table.path} has {pluralize(len(held), 'episode')} already, not driven "
+                "again and not recorded: choose another --out to record them.",
                 file=sys.stderr,
             )
     left = [job for job in jobs if job.key not in held]

@@ -76,6 +76,10 @@ def figures(options: argparse.Namespace) -> int:
     every_run = [run for own in (runs, *groups.values()) for run in own]
     by_ppo = [run for run in every_run if is_ppo(run)]
     by_another = [run for run in every_run if run not in by_ppo]
+    if recordings := [table for table in tables if table.suffix == ".npz"]:
+        raise ConfigError(
+            f"{recordings[0]} is a recording, not a table: draw it with --time-space."
+        )
     if others := [run for run in by_another if not (run / "evaluations.csv").is_file()]:
         raise ConfigError(
             f"{others[0]} is not a run, it has neither evaluations.csv nor updates.csv: name the "

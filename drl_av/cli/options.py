@@ -152,12 +152,29 @@ def _setting(text: str) -> str:
     return text
 
 
+SETTINGS_OF_OPTIONS = {
+    "traffic": "traffic.kind",
+    "world": "simulation.world",
+    "safety_check": "safety.check",
+    "scenario": "simulation.scenario",
+}
+"""The settings for which ``add_env_options`` adds options."""
+
+
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:
     """Return ``config``, changed by the options of ``add_env_options`` in turn.
 
     If the scenario was made from the user's own files, it says on stderr what was made of them.
     Raises ConfigError if the TOML file or a setting is wrong.
     """
+    for option, setting in SETTINGS_OF_OPTIONS.items():
+        if getattr(options, option) is not None and any(
+            str(word).startswith(f"{setting}=") for word in options.config
+        ):
+            raise ConfigError(
+                f"--{option.replace('_', '-')} and -o {setting} are the same setting: leave one of "
+                "them out."
+            )
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
     config = keeping_kind(options.traffic, config, with_files(config, options.config))

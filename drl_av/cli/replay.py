@@ -2,7 +2,8 @@
 
 import argparse
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ from drl_av.drivers.registry import (
     find_drivers,
     make_drivers,
 )
-from drl_av.errors import ConfigError, RecordingError, pluralize
+from drl_av.errors import ConfigError, RecordingError, ScenarioError, pluralize
 
 if TYPE_CHECKING:
     from drl_av.drawing.page import PageEpisode
@@ -96,6 +97,7 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.drawing.film import require_film
     from drl_av.drawing.page import PageEpisode, write_page
     from drl_av.files import require_suffix, require_writable
+    from drl_av.simulation.start_sumo import files_of_sumo, option_words
 
     if options.html and options.rate is not None:
         raise ConfigError(
@@ -104,7 +106,10 @@ def replay(options: argparse.Namespace) -> int:
     if options.rate is not None and not (options.video or _opens_gui(options)):
         raise ConfigError("--rate has no effect without --video or sumo-gui: leave it out.")
     inputs = [*options.source, options.driver, *options.config]
-    require_writable(*_written(options), inputs=inputs)
+    by_sumo = files_of_sumo(options.sumo_options)
+    require_writable(*_written(options), inputs=inputs, by_sumo=by_sumo)
+    if options.fcd and "--fcd-output" in option_words(options.sumo_options or ()):
+        raise ConfigError("--fcd and sumo_options both set fcd-output: leave one of them out.")
     for name, suffix in SUFFIXES.items():
         require_suffix(getattr(options, name), suffix)
     if options.video:
@@ -189,11 +194,29 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     if not files:
         return _new_sessions(options, specs, custom)
     recordings = [load_recording(Path(file)) for file in files]
+    if options.scenario is not None:
+        recordings = [_on_moved_road(recording, options.scenario) for recording in recordings]
     for file, recording in zip(files, recordings, strict=True):
         _refuse_settings(options, file, recording.config.safety.check)
     sessions = [replay_session(recording, custom) for recording in recordings]
     require_same_traffic(sessions)
     return sessions
+
+
+def _on_moved_road(recording: "Recording", scenario: str) -> "Recording":
+    """Return the recording with the folder that its scenario has now.
+
+    Raises RecordingError if its scenario is where it was.
+    """
+    from drl_av.scenarios.folder import find_scenario, with_scenario
+
+    was = recording.config.simulation.scenario
+    with suppress(ScenarioError):
+        find_scenario(was)
+        raise RecordingError(
+            f"--scenario cannot be changed in a recording, whose scenario is {was}: leave it out."
+        )
+    return replace(recording, config=with_scenario(recording.config, scenario))
 
 
 def _is_recording(path: Path) -> bool:
@@ -264,16 +287,17 @@ def _draw_sheet(options: argparse.Namespace, sessions: "Sequence[ReplaySession]"
     return 0
 
 
-def _refuse_settings(options: argparse.Namespace, source: str, check: str = "") -> None:
+def _refuse_settings(options: argparse.Namespace, source: str, check: str | None = None) -> None:
     """Raise RecordingError if an option would change a recorded episode, driven under this check.
 
-    Only a check of the user's own has to be named again, as a file may run no code.
+    Only a check of the user's own has to be named again, as a file may run no code, and the
+    scenario of a recording (``check`` is not None) whose folder was moved.
     """
     names = (
         "seed",
         "vehicles",
         "decisions",
-        "scenario",
+        *(("scenario",) if check is None else ()),
         "safety_check",
         "traffic",
         "config",
@@ -281,10 +305,10 @@ def _refuse_settings(options: argparse.Namespace, source: str, check: str = "") 
     )
     given = [name for name in names if getattr(options, name) not in (None, [])]
     is_own = options.safety_check is not None and is_factory(options.safety_check)
-    if is_own and check in ("", options.safety_check):
+    if is_own and check in (None, options.safety_check):
         given.remove("safety_check")
     if given:
+        option = "--config and -o" if given[0] == "config" else f"--{given[0].replace('_', '-')}"
         raise RecordingError(
-            f"--{given[0].replace('_', '-')} cannot be changed in {source}: "
-            "a recorded episode is driven as it was."
+            f"{option} cannot be changed in {source}: a recorded episode is driven as it was."
         )

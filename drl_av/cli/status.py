@@ -27,7 +27,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
     begins with the name of the program.
     """
     try:
-        with _printable(), _terminated_as_interrupted(), _warnings_in_one_line(program):
+        with _printable(), _interrupts(), _warnings_in_one_line(program):
             return run()
     except BrokenPipeError:
         return 1
@@ -48,19 +48,36 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
 
 
 @contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Make SIGTERM raise KeyboardInterrupt in the block, as SIGINT (Ctrl-C) does."""
+def _interrupts() -> Iterator[None]:
+    """Make SIGTERM raise KeyboardInterrupt in the block, as SIGINT (Ctrl-C) does.
+
+    A library that swallows a KeyboardInterrupt in a callback, as LLVM's does, fails a moment later
+    with an error of its own, which becomes a KeyboardInterrupt again.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    swallowed, show = [], sys.unraisablehook
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
 
+    def note(unraisable: Any) -> None:
+        if isinstance(unraisable.exc_value, KeyboardInterrupt):
+            swallowed.append(unraisable.exc_type)
+        else:
+            show(unraisable)
+
     former = signal.signal(signal.SIGTERM, interrupt)
+    sys.unraisablehook = note
     try:
         yield
+    except Exception:
+        if swallowed:
+            raise KeyboardInterrupt from None
+        raise
     finally:
+        sys.unraisablehook = show
         signal.signal(signal.SIGTERM, former)
 
 

@@ -229,7 +229,8 @@ def _unknown(word: str) -> ConfigError:
     if suffix in (*DRIVER_FILES, ".npz"):
         return ConfigError(f"There is no file {word}: correct its path.")
     what = f"{word!r}{did_you_mean(word, names)}; the drivers are: {', '.join(names)}."
-    return ConfigError(f"There is no driver or run folder {what}")
+    own = " One of yours is written module:function." if suffix == ".py" or ":" in word else ""
+    return ConfigError(f"There is no driver or run folder {what}{own}")
 
 
 def default_config(specs: Sequence[DriverSpec]) -> Config:

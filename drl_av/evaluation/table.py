@@ -256,8 +256,9 @@ def report_corrupt_table(table: Path) -> Iterator[None]:
     try:
         yield
     except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
         raise DrlAvError(
-            f"{table}, or the file beside it, is damaged or of another version ({error!r}): "
+            f"{table}, or the file beside it, is damaged or of another version ({reason}): "
             "put both back as they were, or move them away to make them again."
         ) from error
 

@@ -97,10 +97,15 @@ def make_folder(folder: Path, option: str) -> None:
         ) from error
 
 
-def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
+def require_writable(
+    *paths: Path | None,
+    inputs: Iterable[str | Path | None] = (),
+    by_sumo: Iterable[str] = (),
+) -> None:
     """Check before a long computation that ``write_atomic`` can write to the given paths.
 
-    A path that is None is ignored. ``inputs`` are the files that the same command reads.
+    A path that is None is ignored. ``inputs`` are the files that the same command reads, and
+    ``by_sumo`` those that SUMO writes at the same time.
 
     Raises:
         DrlAvError: a path is not writable, is a folder, belongs to a run (``OF_A_RUN``), occurs
@@ -114,6 +119,12 @@ def require_writable(*paths: Path | None, inputs: Iterable[str | Path | None] = 
         _try(path)
         if [_target(other) for other in asked].count(_target(path)) > 1:
             raise DrlAvError(f"{path} cannot hold two files at once: name another for one of them.")
+    for name in by_sumo:
+        if _target(Path(name)) in read | {*map(_target, asked)}:
+            raise DrlAvError(
+                f"SUMO would write {name}, which this command itself reads or writes: name another "
+                "file in the options of SUMO."
+            )
 
 
 def _try(path: Path) -> None:

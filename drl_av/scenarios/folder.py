@@ -1,6 +1,7 @@
 """Functions that write, read and verify scenario folders, and that find the shipped ones."""
 
 import os
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -10,7 +11,7 @@ from pathlib import Path
 from drl_av.config import Config
 from drl_av.config.section import did_you_mean
 from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
-from drl_av.errors import ConfigError, ScenarioError
+from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError
 from drl_av.files import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
@@ -292,8 +293,15 @@ def with_scenario(
             "name of a shipped scenario; settings are the argument config."
         )
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
+    if is_name and os.path.isfile(os.path.join(name_or_path, folder_files.DESCRIPTION_FILE)):
+        warnings.warn(
+            f"The scenario {name_or_path} is the one that ships: write ./{name_or_path} for the "
+            "folder here.",
+            DrlAvWarning,
+            stacklevel=1,
+        )
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
-    scenario = str(Path(name_or_path).absolute() if is_folder else name_or_path)
+    scenario = os.path.abspath(name_or_path) if is_folder else str(name_or_path)
     config = config.updated("simulation", scenario=scenario)
     shares = {name: getattr(config.traffic, name) for name in PAPER_SHARES}
     if shares != PAPER_SHARES or not _is_open(scenario):
@@ -327,12 +335,20 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     if os.path.isdir(name):
         return Path(name)
     if name.endswith(SUMO_FILES) and os.path.isfile(name):
+        folder = os.path.dirname(os.path.abspath(name))
+        if os.path.isfile(os.path.join(folder, folder_files.DESCRIPTION_FILE)):
+            raise ScenarioError(f"{name} is a file of a scenario: name its folder, {folder}.")
         raise ScenarioError(
             f"{name} is a file of SUMO, not a scenario of drl-av: make one of a route through its "
             "network with: drl-av scenario DIR --kind imported --net FILE.net.xml --from-edge EDGE "
             "--to-edge EDGE."
         )
     hint = did_you_mean(name, shipped)
+    if os.path.isabs(name):
+        raise ScenarioError(
+            f"There is no folder of a scenario {name}: correct the path, or put the folder back "
+            "there."
+        )
     raise ScenarioError(
         f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."
     )

@@ -135,15 +135,23 @@ WRITTEN = {
 def require_one_process(given: str | Sequence[str]) -> None:
     """Raise ConfigError if SUMO would write one file in several processes."""
     words = option_words(given)
-    if written := next(itertools.chain(filter(WRITES.search, words), _written(words)), None):
+    its = (f"the additional file {name}, which writes {file}" for name, file in _written(words))
+    if written := next(itertools.chain(filter(WRITES.search, words), its), None):
         raise ConfigError(
             f"sumo_options has {written}, and several processes would write one file: take one "
             "process."
         )
 
 
-def _written(words: Sequence[str]) -> Iterator[str]:
-    """Yield a phrase for each output file that the user's additional files name.
+def files_of_sumo(given: str | Sequence[str] | None) -> list[str]:
+    """Return the files that SUMO writes by these options; raise ConfigError as ``option_words``."""
+    words = option_words(given) if given else ()
+    files = [file for word, file in itertools.pairwise(words) if WRITES.search(word)]
+    return [*files, *(file for _, file in _written(words))]
+
+
+def _written(words: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield each output file that the user's additional files name, behind the name of that file.
 
     A file that cannot be read is left to SUMO, and files that it includes are not looked at.
     """
@@ -155,7 +163,7 @@ def _written(words: Sequence[str]) -> Iterator[str]:
             for each in parse_xml(Path(name.strip()), ET.TreeBuilder(), "").iter():
                 file = each.get(WRITTEN.get(each.tag, ""), NO_FILE)
                 if file not in (NO_FILE, os.devnull):
-                    yield f"the additional file {name.strip()}, which writes {file}"
+                    yield name.strip(), file
 
 
 def _parted(word: str) -> list[str]:

@@ -74,7 +74,7 @@ def test_kinds_to_draw_leave_no_share_of_the_papers_drivers_beside_them() -> Non
         assert [each.traffic.level_1_share for each in kinds] == [0.25, 0.0]
     with pytest.raises(ConfigError, match="only vehicles_min, vehicles_max, keep_stopping"):
         from_toml('[traffic]\npresets = ["paper"]\nlevel_1_share = 0.5\n')
-    with pytest.raises(ConfigError, match="has kind and presets.*: leave one of them out"):
+    with pytest.raises(ConfigError, match=r"has kind and presets.*: leave one of them out"):
         from_toml('[traffic]\nkind = "calm"\npresets = ["paper"]\n')
 
 

@@ -209,7 +209,7 @@ def test_the_onnx_file_decides_as_the_driver(run: Path, tmp_path: Path) -> None:
         assert logits[row] == pytest.approx(values, abs=1e-5)
         ranked = values if not mask[row].any() else np.where(mask[row], values, -np.inf)
         assert actions[row] == ranked.argmax(), row
-    with pytest.raises(CheckpointError, match="drive it here by its name, or the folder of its run"):
+    with pytest.raises(CheckpointError, match="by its name, or the folder of its run"):
         load_driver(file)
 
 

@@ -290,3 +290,43 @@ def test_a_name_with_terminal_codes_is_shown_and_not_obeyed(
     printed = capsys.readouterr().out
     assert r"idm\x1b[2J\x9b31m, check paper, 14 vehicles" in printed
     assert not {"\x1b", "\x9b"} & {*printed}
+
+
+def test_sumo_does_not_write_over_the_recording_that_it_replays(
+    file: Path, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = file.read_bytes()
+    page = ["--html", "page.html"]
+    for option in (
+        f"--summary-output {file}",
+        f"--verbose --fcd-output={file.parent}/./episode.npz",
+    ):
+        assert main(["replay", str(file), "--sumo-options", option, *page]) == 1
+        assert "which this command itself reads or writes" in capsys.readouterr().err
+    assert main(["replay", "idm", "--sumo-options", "--summary-output page.html", *page]) == 1
+    assert "SUMO would write page.html" in capsys.readouterr().err
+    Path("more.xml").write_text(f'<additional><edgeData id="e" file="{file}"/></additional>')
+    assert main(["replay", str(file), "--sumo-options", "-a more.xml", *page]) == 1
+    assert "which this command itself reads or writes" in capsys.readouterr().err
+    assert file.read_bytes() == before
+    assert main(["replay", "idm", "--sumo-options", "--fcd-output a.xml", "--fcd", "b.xml"]) == 1
+    assert "both set fcd-output" in capsys.readouterr().err
+
+
+def test_a_recording_on_a_road_that_was_moved_is_replayed_there(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road, page = ["--barricade", "1"], ["--html", "page.html"]
+    assert main(["scenario", "mine", *road]) == 0
+    own = ["replay", "idm", "--scenario", "mine", "--vehicles", "3", "--decisions", "4"]
+    assert main([*own, "--record", "own.npz"]) == 0
+    assert main(["replay", "own.npz", "--scenario", "mine", *page]) == 1
+    assert "--scenario cannot be changed in a recording" in capsys.readouterr().err
+    Path("mine").rename("moved")
+    assert main(["replay", "own.npz", *page]) == 1
+    assert "or put the folder back there" in capsys.readouterr().err
+    assert main(["replay", "own.npz", "--scenario", "moved", *page]) == 0
+    assert "exactly as recorded, 4 decisions" in capsys.readouterr().out
+    assert main(["scenario", "another"]) == 0
+    assert main(["replay", "own.npz", "--scenario", "another", *page]) == 1
+    assert "another scenario" in capsys.readouterr().err

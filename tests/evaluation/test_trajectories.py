@@ -121,7 +121,7 @@ def test_an_evaluation_keeps_its_episodes_or_its_failures_as_recordings(
     for name, row in files.items():
         assert len(load_recording(Path("failed", name)).proposed) == int(row["decisions"])
     assert main([*words, "--record", "all"]) == 0
-    assert "10 episodes of rows.csv are not driven again and not recorded" in error_message(capsys)
+    assert "rows.csv has 10 episodes already, not driven again" in error_message(capsys)
     assert main([*words[:-1], "others.csv", "--record", "all"]) == 0
     assert len([*Path("all").iterdir()]) == 10
 

@@ -195,7 +195,7 @@ def test_an_argument_that_make_vec_cannot_take_is_refused(given: Any, words: str
 
 
 def test_a_reset_names_the_options_that_it_has() -> None:
-    with pytest.raises(ConfigError, match="no option 'resetmask'.*: vehicles, reset_mask"):
+    with pytest.raises(ConfigError, match=r"no option 'resetmask'.*: vehicles, reset_mask"):
         TwinVectorEnv(2).reset(options={"resetmask": [True, False]})
 
 

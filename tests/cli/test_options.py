@@ -1,0 +1,53 @@
+"""What the options of several verbs have in common."""
+
+from pathlib import Path
+
+import pytest
+
+from drl_av.cli import main
+from drl_av.cli.options import SETTINGS_OF_OPTIONS
+from drl_av.config import Config
+from drl_av.scenarios.folder import with_scenario
+
+VALUES = {"traffic": "calm", "world": "sumo", "safety_check": "strict", "scenario": "merge"}
+
+
+@pytest.mark.parametrize("option", VALUES)
+def test_a_setting_is_not_given_twice(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    setting, flag = SETTINGS_OF_OPTIONS[option], f"--{option.replace('_', '-')}"
+    words = ["evaluate", "idm", "--episodes", "1", flag, VALUES[option]]
+    assert main([*words, "-o", f"{setting}={VALUES[option]}"]) == 1
+    assert f"{flag} and -o {setting} are the same setting" in capsys.readouterr().err
+
+
+def test_a_scenario_is_the_same_however_its_path_is_written(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(["scenario", "mine"]) == 0
+    found = {with_scenario(Config(), word) for word in ("mine", "./mine/", str(here / "mine"))}
+    (here / "other").mkdir()
+    found.add(with_scenario(Config(), "other/../mine"))
+    monkeypatch.chdir("other")
+    found.add(with_scenario(Config(), Path("../mine")))
+    assert [each.simulation.scenario for each in found] == [str(here / "mine")]
+
+
+def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_passed_over_in_silence(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scenario", "merge", "--kind", "merge", "--flow-per-h", "100"]) == 0
+    short = ["replay", "idm", "--decisions", "1", "--record"]
+    for name, told, vehicles in (("merge", True, 65), ("./merge", False, 6)):
+        capsys.readouterr()
+        assert main([*short, f"{vehicles}.npz", "--scenario", name]) == 0
+        said = capsys.readouterr()
+        assert f", {vehicles} vehicles," in said.out
+        assert said.err.count("write ./merge for the folder here") == told
+
+
+def test_a_file_of_a_scenario_is_not_taken_for_a_network(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scenario", "mine"]) == 0
+    assert main(["evaluate", "idm", "--scenario", "mine/highway.net.xml"]) == 1
+    assert f"name its folder, {here / 'mine'}" in capsys.readouterr().err

@@ -1,0 +1,37 @@
+"""How a program ends."""
+
+import sys
+
+import pytest
+
+from drl_av.cli.status import exit_status
+
+
+class Callback:
+    """Swallows an interrupt, as a callback of a library does."""
+
+    def __del__(self) -> None:
+        raise KeyboardInterrupt
+
+
+def compile_it(fails: bool) -> int:
+    Callback()
+    if fails:
+        raise RuntimeError("no compiled object yet")
+    return 0
+
+
+def test_an_interrupt_that_a_library_swallows_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+    hook = sys.unraisablehook
+    assert exit_status("drl-av", lambda: compile_it(fails=True)) == 130
+    assert capsys.readouterr().err == "drl-av: interrupted.\n"
+    assert exit_status("drl-av", lambda: compile_it(fails=False)) == 0
+    assert sys.unraisablehook is hook
+
+
+def test_an_error_without_an_interrupt_is_shown_as_it_is() -> None:
+    def broken() -> int:
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"):
+        exit_status("drl-av", broken)
