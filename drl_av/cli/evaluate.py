@@ -16,7 +16,7 @@ from drl_av.cli.options import (
     add_text,
     custom_parts,
     driver_words,
-    int_list,
+    numbers_of_vehicles,
     with_command_line,
 )
 from drl_av.cli.status import INTERRUPTED
@@ -65,7 +65,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicles",
         nargs="+",
-        type=int_list(0),
+        type=numbers_of_vehicles,
         metavar="N",
         help=f"numbers of vehicles around the ego (default: {' '.join(map(str, DENSITIES))}; "
         "the scenario's number on an open road, or where it places the vehicles)",

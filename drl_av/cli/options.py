@@ -46,14 +46,14 @@ def int_at_least(low: int) -> Callable[[str], int]:
     return parse
 
 
-def int_list(low: int) -> Callable[[str], list[int]]:
-    """Return the function that converts whole numbers, separated by commas, to a list."""
-
-    def parse(text: str) -> list[int]:
-        return [int_at_least(low)(part) for part in text.split(",")]
-
-    parse.__name__ = "whole number"
-    return parse
+def numbers_of_vehicles(text: str) -> list[int]:
+    """Convert whole numbers from 0 on, separated by commas, to a list."""
+    try:
+        return [int_at_least(0)(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number; name drivers before it, or behind --driver"
+        ) from None
 
 
 Options = argparse.ArgumentParser | argparse._MutuallyExclusiveGroup
