@@ -17,7 +17,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.recording import Recorder, Recording
 from drl_av.scenarios.folder import ScenarioDescription, write_scenario
-from drl_av.simulation.start_sumo import start_arguments
+from drl_av.simulation.sumo_options import start_arguments
 
 CONFIG = Config().updated("simulation", decisions_per_episode=10)
 SEED, VEHICLES = 4, 30

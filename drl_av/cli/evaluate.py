@@ -135,7 +135,7 @@ def evaluate(options: argparse.Namespace) -> int:
         write_summaries,
     )
     from drl_av.files import make_folder, require_suffix, require_writable
-    from drl_av.simulation.start_sumo import files_of_sumo
+    from drl_av.simulation.sumo_options import files_of_sumo
 
     if options.engine == RAY:
         from drl_av.evaluation.engines import require_ray

@@ -97,7 +97,7 @@ def replay(options: argparse.Namespace) -> int:
     from drl_av.drawing.film import require_film
     from drl_av.drawing.page import PageEpisode, write_page
     from drl_av.files import require_suffix, require_writable
-    from drl_av.simulation.start_sumo import files_of_sumo, option_words
+    from drl_av.simulation.sumo_options import files_of_sumo, option_words
 
     if options.html and options.rate is not None:
         raise ConfigError(

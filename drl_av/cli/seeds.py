@@ -90,7 +90,7 @@ def train_seeds(jobs: Sequence[SeedJob], processes: int, command: str) -> int:
     """
     from drl_av.cli.console import progress_bar
     from drl_av.evaluation.engines import ENGINES
-    from drl_av.simulation.start_sumo import require_one_process
+    from drl_av.simulation.sumo_options import require_one_process
 
     if processes > 1:
         require_one_process(jobs[0].custom.sumo_options)

@@ -13,13 +13,14 @@ from drl_av.env.episode_start import TrafficSetup
 from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.twin_simulation import TwinSimulation
-from drl_av.env.vector import WITH_MAKE, TwinVectorEnv
+from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import EGO
 from drl_av.simulation.simulation import Simulation
 from drl_av.twin.copying import copy_scene
 from drl_av.twin.following import STEP_S
+from drl_av.twin.traffic import IN_SUMO
 from drl_av.twin.worlds import (
     BRAKING,
     DRIVER_STATE,
@@ -41,7 +42,7 @@ def twin_of(whose: str, instead: str, config: Config, **arguments: Any) -> TwinV
     try:
         return TwinVectorEnv(config=config, autoreset_mode=AutoresetMode.DISABLED, **arguments)
     except ConfigError as error:
-        reason = str(error).replace(WITH_MAKE, instead)
+        reason = str(error).replace(IN_SUMO, instead)
         raise ConfigError(f"{whose} in the twin. {reason}") from error
 
 

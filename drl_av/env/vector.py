@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space, concatenate, create_empty_array,
 
 from drl_av.config import Config
 from drl_av.config.presets import as_config
-from drl_av.config.section import did_you_mean
+from drl_av.config.section import not_one_of
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
@@ -59,15 +59,11 @@ from drl_av.safety import named_check
 from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import with_scenario
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import IN_SUMO, draw_future
+from drl_av.twin.traffic import draw_future
 from drl_av.twin.worlds import LANE, MODEL, STEP, IntArray
 
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
-
-
-WITH_MAKE = "take gymnasium.make"
-"""What a user can do about what many worlds of the twin cannot do."""
 Observations = Any
 """By default float32 of shape (worlds, 27), otherwise what gymnasium batches of the space."""
 
@@ -118,7 +114,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if render_mode is not None or sumo_options is not None:
             raise ConfigError(
                 "make_vec drives in the twin, which has no pictures and no SUMO: leave render_mode "
-                f"and sumo_options out, or {WITH_MAKE}."
+                "and sumo_options out, or take gymnasium.make."
             )
         config = as_config(config)
         if scenario is not None:
@@ -127,13 +123,10 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             if not isinstance(safety_check, str):
                 raise ConfigError(
                     f"safety_check is {safety_check!r}, but the twin has the named checks only "
-                    f"({', '.join(CHECK_NUMBERS)}): name one, or {WITH_MAKE}."
+                    f"({', '.join(CHECK_NUMBERS)}): name one, or take gymnasium.make."
                 )
             config = config.updated("safety", check=safety_check)
-        try:
-            WorldArrays.__init__(self, config)
-        except ConfigError as error:
-            raise ConfigError(str(error).replace(IN_SUMO, WITH_MAKE)) from error
+        WorldArrays.__init__(self, config)
         self._check = named_check(config, self._scenario.vehicle_types, self.road)
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)
         groups = default_groups(config.observation) if observation is None else observation
@@ -148,12 +141,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if max_episode_steps is not None:
             require_numbers(max_episode_steps=(max_episode_steps, 1, self.most_decisions + 1))
             self.most_decisions = int(max_episode_steps)
-        modes = [mode.value for mode in AutoresetMode]
-        if autoreset_mode not in (*AutoresetMode, *modes):
-            raise ConfigError(
-                f"autoreset_mode is {autoreset_mode!r}{did_you_mean(autoreset_mode, modes)}, but "
-                f"must be one of: {', '.join(modes)}."
-            )
+        if autoreset_mode not in (*AutoresetMode, *(modes := [m.value for m in AutoresetMode])):
+            raise ConfigError(not_one_of("autoreset_mode", autoreset_mode, modes))
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
         self._make_arrays(config.traffic.vehicles_max + 1, FIRST_EVENTS)
 

@@ -21,7 +21,7 @@ from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.evaluation import DENSITIES, LOKY
 from drl_av.evaluation.engines import ENGINES
 from drl_av.evaluation.recording import RecordingFolder, record_episode
-from drl_av.simulation.start_sumo import require_one_process
+from drl_av.simulation.sumo_options import require_one_process
 
 MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""

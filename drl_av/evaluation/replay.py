@@ -38,7 +38,7 @@ from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.scenarios.folder import find_scenario, load_scenario
-from drl_av.simulation.start_sumo import option_words
+from drl_av.simulation.sumo_options import option_words
 
 FCD_OPTIONS = (
     *("--fcd-output.attributes", "x,y,angle,type,speed,pos,lane,acceleration,posLat,speedLat"),

@@ -346,8 +346,7 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
     hint = did_you_mean(name, shipped)
     if os.path.isabs(name):
         raise ScenarioError(
-            f"There is no folder of a scenario {name}: correct the path, or put the folder back "
-            "there."
+            f"There is no scenario {name!r}: correct the path, or put the folder back there."
         )
     raise ScenarioError(
         f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."

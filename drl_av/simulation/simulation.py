@@ -27,7 +27,8 @@ from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color, GuiCamera
 from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.speed_requests import SpeedRequests
-from drl_av.simulation.start_sumo import acquire, connection, option_words, require_display, start
+from drl_av.simulation.start_sumo import acquire, connection, require_display, start
+from drl_av.simulation.sumo_options import option_words
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
     StateReader,

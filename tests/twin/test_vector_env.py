@@ -184,7 +184,7 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"max_episode_steps": 201}, "max_episode_steps is 201, but must be .* 200"),
         ({"autoreset_mode": "Same"}, "but must be one of: NextStep, SameStep, Disabled"),
-        ({"scenario": "barricade"}, "places exactly: take gymnasium.make"),
+        ({"scenario": "barricade"}, "places exactly: drive in SUMO .gymnasium.make with"),
         ({"safety_check": 3}, "safety_check is 3, but the twin has the named checks only"),
         ({"scenario": {"lanes": 2}}, "scenario is of the type dict"),
     ],

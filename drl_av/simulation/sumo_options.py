@@ -1,0 +1,135 @@
+"""The options of SUMO: those of an episode, and the user's."""
+
+import itertools
+import os
+import re
+import shlex
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from drl_av.config import Config
+from drl_av.errors import ConfigError, ScenarioError
+from drl_av.scenarios.safe_xml import DETECTORS, NO_FILE, parse_xml
+
+
+def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
+    """Return SUMO options of the user as words, ``--NAME=VALUE`` as two.
+
+    Raises:
+        ConfigError: it is no text and no list of texts, the text has an open quotation mark, or an
+            option is set by drl-av.
+    """
+    try:
+        words = shlex.split(given) if isinstance(given, str) else given
+    except ValueError as error:
+        raise ConfigError(f"sumo_options is {given!r}: close its quotation mark.") from error
+    if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
+        raise ConfigError(
+            f"sumo_options is {given!r}, but must be a text, such as '--fcd-output fcd.xml', or a "
+            "list of texts."
+        )
+    parted = [part for word in words for part in _parted(word)]
+    for name in (word.lstrip("-") for word in parted if word.startswith("-")):
+        if name in ("r", "route-files"):
+            raise ConfigError(
+                f"sumo_options has -{'-' * (len(name) > 1)}{name}, but drl-av places the vehicles: "
+                "put types into an additional file, or drive with drl_av.attach in a simulation of "
+                "your own."
+            )
+        if name in SET_BY_US:
+            raise ConfigError(f"sumo_options has {name}, which drl-av sets itself: leave it out.")
+    return tuple(parted)
+
+
+WRITES = re.compile(
+    r"^(-[lC]|--(.*[-.]output|.*log|.*-dump|device\..*\.file|save-state\.(files|times|period)"
+    r"|save-(configuration|template|schema)))$"
+)
+"""Options by which SUMO writes a file."""
+WRITTEN = {
+    **dict.fromkeys((*DETECTORS, "vTypeProbe", "routeProbe"), "file"),
+    "timedEvent": "dest",
+    "calibrator": "output",
+}
+"""The attribute that names an output file, for each such element of an additional file."""
+
+
+def require_one_process(given: str | Sequence[str]) -> None:
+    """Raise ConfigError if SUMO would write one file in several processes."""
+    words = option_words(given)
+    its = (f"the additional file {name}, which writes {file}" for name, file in _written(words))
+    if written := next(itertools.chain(filter(WRITES.search, words), its), None):
+        raise ConfigError(
+            f"sumo_options has {written}, and several processes would write one file: take one "
+            "process."
+        )
+
+
+def files_of_sumo(given: str | Sequence[str] | None) -> list[str]:
+    """Return the files that SUMO writes by these options; raise ConfigError as ``option_words``."""
+    words = option_words(given or ())
+    files = ((word, file) for word, file in itertools.pairwise(words) if WRITES.search(word))
+    return [file for _, file in itertools.chain(files, _written(words))]
+
+
+def _written(words: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield each output file that the user's additional files name, behind the name of that file.
+
+    A file that cannot be read is left to SUMO, and files that it includes are not looked at.
+    """
+    pairs = itertools.pairwise(words)
+    for name in (n for word, text in pairs if word in ADDITIONAL_FILES for n in text.split(",")):
+        with suppress(ScenarioError):
+            for each in parse_xml(Path(name.strip()), ET.TreeBuilder(), "").iter():
+                file = each.get(WRITTEN.get(each.tag, ""), NO_FILE)
+                if file not in (NO_FILE, os.devnull):
+                    yield name.strip(), file
+
+
+def _parted(word: str) -> list[str]:
+    return word.split("=", 1) if word.startswith("--") else [word]
+
+
+def start_arguments(
+    files: Sequence[str], seed: int, config: Config, own: Sequence[str] = ()
+) -> list[str]:
+    """Return the command line arguments of SUMO for a scenario.
+
+    ``files`` holds the network file and then the additional files; ``seed`` seeds SUMO. ``own``
+    are the words of ``option_words``; their additional files are read after ours.
+    """
+    others = [*own]
+    additional = [*files[1:]]
+    for place in reversed([row for row, word in enumerate(own) if word in ADDITIONAL_FILES]):
+        additional += others[place + 1 : place + 2]
+        del others[place : place + 2]
+    return [
+        *("--net-file", files[0]),
+        *("--additional-files", ",".join(additional)),
+        *("--seed", str(seed % 2**31)),
+        *("--step-length", repr(config.simulation.step_length_s)),
+        *("--lateral-resolution", repr(config.simulation.lateral_resolution_m)),
+        *("--lanechange.overtake-right", str(config.traffic.overtake_right).lower()),
+        *("--time-to-teleport", "-1"),
+        *("--collision.action", "warn"),
+        *("--collision.mingap-factor", "0"),
+        *("--collision.check-junctions", "true"),
+        *("--insertion-checks", "none"),
+        *("--no-step-log", "true"),
+        *("--no-warnings", "true"),
+        *("--xml-validation", "never"),
+        *others,
+    ]
+
+
+ADDITIONAL_FILES = ("-a", "--additional-files", "--additional")
+CONTROL = {"remote-port", "num-clients"}
+"""The options with which SUMO waits for a program that controls it."""
+SET_BY_US = {"n", "net", "c", "configuration", "configuration-file", *CONTROL} | {
+    word.removeprefix("--")
+    for word in start_arguments(["", ""], 0, Config())
+    if word.startswith("--") and word not in ADDITIONAL_FILES
+}
+"""The options that the user may not set."""
