@@ -29,6 +29,10 @@ def import_function(word: str, what: str) -> Any:
     Raises:
         ConfigError: the module or the function does not exist, or the module cannot be imported.
     """
+    if not is_factory(word):
+        raise ConfigError(
+            f"The {what} {word!r} is not the name of a function: write module:factory."
+        )
     module, _, name = word.partition(":")
     folder = str(Path.cwd())
     if folder not in sys.path:

@@ -1,6 +1,7 @@
 """A reward function of the user's own, and the length of an episode in the spec."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -107,3 +108,10 @@ def test_a_reward_that_single_precision_cannot_learn_is_refused() -> None:
     ):
         env.step(KEEP)
     env.close()
+
+
+def test_a_word_that_names_no_function_runs_no_file(here: Path) -> None:
+    (here / "comfort.py").write_text("raise SystemExit('ran')")
+    for word in ("comfort", "comfort:", "./comfort.py"):
+        with pytest.raises(ConfigError, match="is not the name of a function: write module:"):
+            HighwayEnv(reward=word)
