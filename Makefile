@@ -8,10 +8,10 @@ DENSITIES := 1 5 10 15 20 25 30
 .PHONY: pretrained-merge pretrained-exit pretrained-ramp_to_ramp
 setup: .venv/.installed
 
-# The packages of the system and those of Python are fetched at the same time.
 .venv/.installed: pyproject.toml constraints.txt tools/install_system_libraries.sh
-	sh tools/install_system_libraries.sh & system=$$!; $(PYTHON) -m venv .venv \
-	    && $(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,ray]' && wait $$system
+	sh tools/install_system_libraries.sh
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev,ray]'
 	touch $@
 
 demo: setup
@@ -126,7 +126,7 @@ results: setup
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(call text,twin_costs.txt,tools/measure_twin.py)
-	$(call text,benchmark.txt,tools/benchmark.py --rounds 7)
+	$(call text,benchmark.txt,tools/benchmark.py)
 	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb
 	$(BIN)/python tools/draw_drive.py docs/drive.gif
 	$(BIN)/python tools/draw_stories.py docs/assets/stories

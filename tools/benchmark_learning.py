@@ -112,6 +112,7 @@ def large_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     multiprocessing.get_context("spawn").Process(
         target=learn_large, args=(far,), daemon=True
     ).start()
+    far.close()
     stack.callback(pipe.send, False)
     pipe.recv()
 

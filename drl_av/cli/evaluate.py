@@ -142,7 +142,7 @@ def evaluate(options: argparse.Namespace) -> int:
 
         require_ray()
     words = [*options.runs, *options.driver]
-    inputs = [*options.config, *words]
+    inputs = [*options.config, *words, options.record, options.record_failures]
     by_sumo = files_of_sumo(options.sumo_options)
     require_writable(options.out, options.json, inputs=inputs, by_sumo=by_sumo)
     require_suffix(options.out, ".csv")

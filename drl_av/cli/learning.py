@@ -145,6 +145,13 @@ def _seed_jobs(options: argparse.Namespace) -> list[SeedJob]:
 
     runs = {seed: Run(options.out / f"seed-{seed}") for seed in options.seeds}
     begun = {s: run.read_config() for s, run in runs.items() if run.config_file.is_file()}
+    custom = custom_parts(options)
+    for seed, stored in begun.items():
+        if SeedJob(runs[seed].folder, stored, custom, options.tensorboard).is_stopped:
+            raise RunError(
+                f"{runs[seed].folder} holds a training at scale that was stopped, which cannot "
+                "continue: move it away, and give the whole command again, with its settings."
+            )
     if begun and not options.resume:
         raise RunError(
             f"{runs[next(iter(begun))].folder} exists already: continue it with --resume, or "
@@ -159,16 +166,9 @@ def _seed_jobs(options: argparse.Namespace) -> list[SeedJob]:
     configs = {seed: asked.updated("learning", seed=seed) for seed in runs}
     for seed, stored in begun.items():
         _unchanged(runs[seed], stored, configs[seed])
-    custom = custom_parts(options)
     if asked.learning.algorithm == "ppo":
         _require_options_of_ppo(options)
-    jobs = [SeedJob(r.folder, configs[s], custom, options.tensorboard) for s, r in runs.items()]
-    if stopped := [job.folder for job in jobs if job.is_stopped]:
-        raise RunError(
-            f"{stopped[0]} holds a training at scale that was stopped, which cannot continue: "
-            "move it away, and give the whole command again, with its settings."
-        )
-    return jobs
+    return [SeedJob(r.folder, configs[s], custom, options.tensorboard) for s, r in runs.items()]
 
 
 def adapt(options: argparse.Namespace) -> int:
@@ -221,14 +221,20 @@ def adapt(options: argparse.Namespace) -> int:
 
 
 def _training_config(options: argparse.Namespace, run: "Run") -> Config:
-    stored = run.read_config() if options.resume else None
-    if stored is not None and stored.learning.algorithm == "ppo":
+    stored = _stored(run) if options.resume else None
+    asked = _asked(options, stored)
+    return asked if stored is None else _unchanged(run, stored, asked)
+
+
+def _stored(run: "Run") -> Config:
+    """Return the settings of a run to resume; raise RunError if it is a training at scale."""
+    stored = run.read_config()
+    if stored.learning.algorithm == "ppo":
         raise RunError(
             f"{run.folder} holds a training at scale, which cannot continue: begin another one in "
             "a new folder, without --resume."
         )
-    asked = _asked(options, stored)
-    return asked if stored is None else _unchanged(run, stored, asked)
+    return stored
 
 
 def _asked(options: argparse.Namespace, stored: Config | None) -> Config:
@@ -245,7 +251,7 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
 
     given = _given(options, "episodes", "seed", "learning_rate")
     if options.resume:
-        stored = run.read_config()
+        stored = _stored(run)
         return _unchanged(
             run, stored, with_command_line(stored, options).updated("learning", **given)
         )

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ from drl_av.drivers.registry import (
     find_drivers,
     make_drivers,
 )
-from drl_av.errors import ConfigError, RecordingError, ScenarioError, pluralize
+from drl_av.errors import ConfigError, RecordingError, pluralize
 
 if TYPE_CHECKING:
     from drl_av.drawing.page import PageEpisode
@@ -195,7 +195,8 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         return _new_sessions(options, specs, custom)
     recordings = [load_recording(Path(file)) for file in files]
     if options.scenario is not None:
-        recordings = [_on_moved_road(recording, options.scenario) for recording in recordings]
+        pairs = zip(recordings, files, strict=True)
+        recordings = [_on_moved_road(one, file, options.scenario) for one, file in pairs]
     for file, recording in zip(files, recordings, strict=True):
         _refuse_settings(options, file, recording.config.safety.check)
     sessions = [replay_session(recording, custom) for recording in recordings]
@@ -203,18 +204,17 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     return sessions
 
 
-def _on_moved_road(recording: "Recording", scenario: str) -> "Recording":
-    """Return the recording with the folder that its scenario has now.
+def _on_moved_road(recording: "Recording", file: str, scenario: str) -> "Recording":
+    """Return the recording with the folder that its scenario has now; a replay finds a wrong one.
 
-    Raises RecordingError if its scenario is where it was.
+    Raises RecordingError if its scenario is one that ships.
     """
-    from drl_av.scenarios.folder import find_scenario, with_scenario
+    from drl_av.scenarios.folder import shipped_scenarios, with_scenario
 
     was = recording.config.simulation.scenario
-    with suppress(ScenarioError):
-        find_scenario(was)
+    if was in shipped_scenarios():
         raise RecordingError(
-            f"--scenario cannot be changed in a recording, whose scenario is {was}: leave it out."
+            f"--scenario cannot be changed in {file}, whose scenario {was} ships: leave it out."
         )
     return replace(recording, config=with_scenario(recording.config, scenario))
 

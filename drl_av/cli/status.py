@@ -51,8 +51,8 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
 def _interrupts() -> Iterator[None]:
     """Make SIGTERM raise KeyboardInterrupt in the block, as SIGINT (Ctrl-C) does.
 
-    A library that swallows a KeyboardInterrupt in a callback, as LLVM's does, fails a moment later
-    with an error of its own, which becomes a KeyboardInterrupt again.
+    A library that swallows a KeyboardInterrupt in a callback, as LLVM's does, may fail a moment
+    later with an error of its own. At the end of the block it is a KeyboardInterrupt again.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -72,6 +72,10 @@ def _interrupts() -> Iterator[None]:
     sys.unraisablehook = note
     try:
         yield
+        if swallowed:
+            raise KeyboardInterrupt
+    except DrlAvError:
+        raise
     except Exception:
         if swallowed:
             raise KeyboardInterrupt from None

@@ -106,12 +106,13 @@ def keeping_kind(named: str | None, base: Config | None, config: Config) -> Conf
     """Return ``config``, which was made from ``base``, whose traffic is the kind ``named``.
 
     Raises:
-        ConfigError: a kind was named, and the config draws its kinds of traffic.
+        ConfigError: a kind was named, but the config has other ``traffic.presets``.
     """
     if named is not None and base is not None and config.traffic.presets != base.traffic.presets:
         raise ConfigError(
-            f"The traffic {named} is named beside traffic.presets, which draws a kind of traffic "
-            "for each episode: leave one of them out."
+            f"The traffic is {named}, but the settings beside it have traffic.presets = "
+            f"{[*config.traffic.presets]}: leave the traffic out, or name it behind them "
+            f'(-o traffic.kind={named}; in Python kind="{named}" in the section traffic).'
         )
     return config
 

@@ -139,8 +139,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self._is_fork = self._begun = False
         self.most_decisions = most_decisions(config, self._scenario.layout)
         if max_episode_steps is not None:
-            require_numbers(max_episode_steps=(max_episode_steps, 1, self.most_decisions + 1))
-            self.most_decisions = int(max_episode_steps)
+            require_numbers(max_episode_steps=(max_episode_steps, 1, None))
+            self.most_decisions = min(self.most_decisions, int(max_episode_steps))
         if autoreset_mode not in (*AutoresetMode, *(modes := [m.value for m in AutoresetMode])):
             raise ConfigError(not_one_of("autoreset_mode", autoreset_mode, modes))
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))

@@ -104,8 +104,8 @@ def require_writable(
 ) -> None:
     """Check before a long computation that ``write_atomic`` can write to the given paths.
 
-    A path that is None is ignored. ``inputs`` are the files that the same command reads, and
-    ``by_sumo`` those that SUMO writes at the same time.
+    A path that is None is ignored. ``inputs`` are the files and folders that the same command
+    reads, and ``by_sumo`` the files that SUMO writes at the same time.
 
     Raises:
         DrlAvError: a path is not writable, is a folder, belongs to a run (``OF_A_RUN``), occurs
@@ -120,7 +120,8 @@ def require_writable(
         if [_target(other) for other in asked].count(_target(path)) > 1:
             raise DrlAvError(f"{path} cannot hold two files at once: name another for one of them.")
     for name in by_sumo:
-        if _target(Path(name)) in read | {*map(_target, asked)}:
+        target, own = _target(Path(name)), read | {*map(_target, asked)}
+        if not own.isdisjoint((target, *target.parents)):
             raise DrlAvError(
                 f"SUMO would write {name}, which this command itself reads or writes: name another "
                 "file in the options of SUMO."

@@ -1,7 +1,6 @@
 """Functions that write, read and verify scenario folders, and that find the shipped ones."""
 
 import os
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +10,7 @@ from pathlib import Path
 from drl_av.config import Config
 from drl_av.config.section import did_you_mean
 from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
-from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError
+from drl_av.errors import ConfigError, ScenarioError
 from drl_av.files import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
@@ -293,15 +292,9 @@ def with_scenario(
             "name of a shipped scenario; settings are the argument config."
         )
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
-    if is_name and os.path.isfile(os.path.join(name_or_path, folder_files.DESCRIPTION_FILE)):
-        warnings.warn(
-            f"The scenario {name_or_path} is the one that ships: write ./{name_or_path} for the "
-            "folder here.",
-            DrlAvWarning,
-            stacklevel=1,
-        )
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
-    scenario = os.path.abspath(name_or_path) if is_folder else str(name_or_path)
+    absolute = os.path.realpath if ".." in Path(name_or_path).parts else os.path.abspath
+    scenario = absolute(name_or_path) if is_folder else str(name_or_path)
     config = config.updated("simulation", scenario=scenario)
     shares = {name: getattr(config.traffic, name) for name in PAPER_SHARES}
     if shares != PAPER_SHARES or not _is_open(scenario):
@@ -317,6 +310,12 @@ def _is_open(scenario: str) -> bool:
         description = find_scenario(scenario) / folder_files.DESCRIPTION_FILE
         return isinstance(read_description(description), OpenDescription)
     return False
+
+
+def is_shadowed(name: str) -> bool:
+    """Return whether a name is that of a shipped scenario, and of a scenario's folder here."""
+    folder = os.path.join(name, folder_files.DESCRIPTION_FILE)
+    return name in shipped_scenarios() and os.path.isfile(folder)
 
 
 def find_scenario(name_or_path: str | Path | None = None) -> Path:

@@ -44,10 +44,11 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
 
 
 WRITES = re.compile(
-    r"^(-[lC]|--(.*[-.]output|.*log|.*-dump|device\..*\.file|save-state\.(files|times|period)"
-    r"|save-(configuration|template|schema)))$"
+    r"^(-[lC]|--(.*[-.]output|.*log|log-file|.*-?dump|netstate|summary|(trip|person)info"
+    r"|(vehroute|personroute)s|person-fcd|device\..*\.file|save-state\.(files|times|period)"
+    r"|save-(configuration|config|template|schema)))$"
 )
-"""Options by which SUMO writes a file."""
+"""Options by which SUMO writes a file, with their synonyms."""
 WRITTEN = {
     **dict.fromkeys((*DETECTORS, "vTypeProbe", "routeProbe"), "file"),
     "timedEvent": "dest",
@@ -68,10 +69,17 @@ def require_one_process(given: str | Sequence[str]) -> None:
 
 
 def files_of_sumo(given: str | Sequence[str] | None) -> list[str]:
-    """Return the files that SUMO writes by these options; raise ConfigError as ``option_words``."""
+    """Return the files that SUMO writes by these options; raise ConfigError as ``option_words``.
+
+    It puts ``output-prefix`` before the name of each, and looks for a file that an additional file
+    names in the folder of that file.
+    """
     words = option_words(given or ())
-    files = ((word, file) for word, file in itertools.pairwise(words) if WRITES.search(word))
-    return [file for _, file in itertools.chain(files, _written(words))]
+    pairs = [*itertools.pairwise(words)]
+    prefix = dict(pairs).get("--output-prefix", "")
+    files = [Path(file) for word, file in pairs if WRITES.search(word)]
+    files += [Path(name).parent / file for name, file in _written(words)]
+    return [str(file.with_name(prefix + file.name)) for file in files if file.name]
 
 
 def _written(words: Sequence[str]) -> Iterator[tuple[str, str]]:

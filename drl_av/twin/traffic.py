@@ -81,7 +81,7 @@ RIGHT_RELUCTANCE = 10.0
 ONLY_SUMO = int(DriverModel.SUMO)
 GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
-IN_SUMO = 'drive in SUMO (gymnasium.make with simulation.world = "sumo")'
+IN_SUMO = 'drive in SUMO (--world sumo, in Python gymnasium.make and simulation.world = "sumo")'
 """What a user can do about what the twin does not know."""
 
 

@@ -30,6 +30,12 @@ def test_a_scenario_is_the_same_however_its_path_is_written(
     monkeypatch.chdir("other")
     found.add(with_scenario(Config(), Path("../mine")))
     assert [each.simulation.scenario for each in found] == [str(here / "mine")]
+    monkeypatch.chdir(here)
+    Path("deep/a").mkdir(parents=True)
+    Path("link").symlink_to("deep/a")
+    assert main(["scenario", "deep/mine"]) == 0
+    behind = with_scenario(Config(), "link/../mine").simulation.scenario
+    assert behind == str(here / "deep" / "mine")
 
 
 def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_passed_over_in_silence(
@@ -43,6 +49,8 @@ def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_passed_over_in_sile
         said = capsys.readouterr()
         assert f", {vehicles} vehicles," in said.out
         assert said.err.count("write ./merge for the folder here") == told
+    assert main(["replay", "pretrained-merge", *short[2:], "learned.npz"]) == 0  # names none
+    assert "write ./merge" not in capsys.readouterr().err
 
 
 def test_a_file_of_a_scenario_is_not_taken_for_a_network(

@@ -25,7 +25,8 @@ def test_an_interrupt_that_a_library_swallows_is_one(capsys: pytest.CaptureFixtu
     hook = sys.unraisablehook
     assert exit_status("drl-av", lambda: compile_it(fails=True)) == 130
     assert capsys.readouterr().err == "drl-av: interrupted.\n"
-    assert exit_status("drl-av", lambda: compile_it(fails=False)) == 0
+    assert exit_status("drl-av", lambda: compile_it(fails=False)) == 130
+    assert capsys.readouterr().err == "drl-av: interrupted.\n"
     assert sys.unraisablehook is hook
 
 

@@ -132,7 +132,7 @@ def test_traffic_beside_a_preset_or_a_config_replaces_its_traffic() -> None:
     assert as_config("large", traffic="calm").traffic.presets == ()
     changed = as_config({"traffic": {"hard_braking_share": 0.5}}, traffic="calm")
     assert changed.traffic.hard_braking_share == 0.5
-    with pytest.raises(ConfigError, match="calm is named beside"):
+    with pytest.raises(ConfigError, match="traffic is calm, but the settings beside it"):
         as_config({"traffic": {"presets": ("paper",)}}, traffic="calm")
 
 

@@ -299,15 +299,25 @@ def test_sumo_does_not_write_over_the_recording_that_it_replays(
     page = ["--html", "page.html"]
     for option in (
         f"--summary-output {file}",
-        f"--verbose --fcd-output={file.parent}/./episode.npz",
+        f"--verbose --summary={file.parent}/./episode.npz",
+        f"--log-file {file.parent}/.npz --output-prefix episode",
     ):
         assert main(["replay", str(file), "--sumo-options", option, *page]) == 1
         assert "which this command itself reads or writes" in capsys.readouterr().err
     assert main(["replay", "idm", "--sumo-options", "--summary-output page.html", *page]) == 1
     assert "SUMO would write page.html" in capsys.readouterr().err
-    Path("more.xml").write_text(f'<additional><edgeData id="e" file="{file}"/></additional>')
-    assert main(["replay", str(file), "--sumo-options", "-a more.xml", *page]) == 1
-    assert "which this command itself reads or writes" in capsys.readouterr().err
+    Path("more").mkdir()
+    named = "".join(f'<edgeData id="{f}" file="{f}"/>' for f in ("page.html", "../it.npz"))
+    Path("more/more.xml").write_text(f"<additional>{named}</additional>")
+    more = ["--sumo-options", "-a more/more.xml"]
+    Path("it.npz").write_bytes(before)
+    assert main(["replay", "it.npz", *more, *page]) == 1
+    assert "SUMO would write more/../it.npz" in capsys.readouterr().err
+    assert main(["replay", str(file), *more, *page]) == 0  # decoy: SUMO writes more/page.html
+    assert Path("more", "page.html").exists()
+    capsys.readouterr()
+    assert main(["evaluate", "idm", "--record", "all", "--sumo-options", "--fcd-output all/a"]) == 1
+    assert "SUMO would write all/a" in capsys.readouterr().err
     assert file.read_bytes() == before
     assert main(["replay", "idm", "--sumo-options", "--fcd-output a.xml", "--fcd", "b.xml"]) == 1
     assert "both set fcd-output" in capsys.readouterr().err
@@ -320,13 +330,18 @@ def test_a_recording_on_a_road_that_was_moved_is_replayed_there(
     assert main(["scenario", "mine", *road]) == 0
     own = ["replay", "idm", "--scenario", "mine", "--vehicles", "3", "--decisions", "4"]
     assert main([*own, "--record", "own.npz"]) == 0
-    assert main(["replay", "own.npz", "--scenario", "mine", *page]) == 1
-    assert "--scenario cannot be changed in a recording" in capsys.readouterr().err
+    assert main(["replay", "own.npz", "--scenario", "mine", *page]) == 0
     Path("mine").rename("moved")
     assert main(["replay", "own.npz", *page]) == 1
     assert "or put the folder back there" in capsys.readouterr().err
+    assert main(["scenario", "mine"]) == 0
+    assert main(["replay", "own.npz", *page]) == 1
+    capsys.readouterr()
     assert main(["replay", "own.npz", "--scenario", "moved", *page]) == 0
     assert "exactly as recorded, 4 decisions" in capsys.readouterr().out
     assert main(["scenario", "another"]) == 0
     assert main(["replay", "own.npz", "--scenario", "another", *page]) == 1
     assert "another scenario" in capsys.readouterr().err
+    assert main(["replay", "idm", "--decisions", "2", "--record", "shipped.npz"]) == 0
+    assert main(["replay", "shipped.npz", "--scenario", "moved", *page]) == 1
+    assert "--scenario cannot be changed in shipped.npz" in capsys.readouterr().err

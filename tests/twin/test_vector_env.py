@@ -174,6 +174,10 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
     env.reset(seed=0)
     assert not env.step(np.zeros(2, np.int64))[3].any()
     assert env.step(np.zeros(2, np.int64))[3].all()
+    shorter = {"simulation": {"decisions_per_episode": 1}}
+    env = gymnasium.make_vec(made.spec, num_envs=2, config=shorter)
+    env.reset(seed=0)
+    assert env.step(np.zeros(2, np.int64))[3].all()
 
 
 @pytest.mark.parametrize(
@@ -182,9 +186,8 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
         ({"render_mode": "rgb_array"}, "leave render_mode and sumo_options out"),
         ({"sumo_options": "--fcd-output fcd.xml"}, "leave render_mode and sumo_options out"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
-        ({"max_episode_steps": 201}, "max_episode_steps is 201, but must be .* 200"),
         ({"autoreset_mode": "Same"}, "but must be one of: NextStep, SameStep, Disabled"),
-        ({"scenario": "barricade"}, "places exactly: drive in SUMO .gymnasium.make with"),
+        ({"scenario": "barricade"}, "places exactly: drive in SUMO .*gymnasium.make"),
         ({"safety_check": 3}, "safety_check is 3, but the twin has the named checks only"),
         ({"scenario": {"lanes": 2}}, "scenario is of the type dict"),
     ],
