@@ -47,6 +47,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from importlib import import_module
 from typing import NamedTuple
 
 from benchmark_rows import (
@@ -67,25 +68,14 @@ from benchmark_rows import (
 from drl_av.evaluation.provenance import made_by
 
 
-def step_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Return the row of a training step; torch is loaded only for it and for ``train``."""
-    import benchmark_learning
+def of_learning(name: str) -> Callable[[Sequence[int], ExitStack], list[Row]]:
+    """Return the function ``name`` of ``benchmark_learning``; a call of it loads torch."""
 
-    return benchmark_learning.step_rows(seeds, stack)
+    def rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
+        found: list[Row] = getattr(import_module("benchmark_learning"), name)(seeds, stack)
+        return found
 
-
-def train_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Return the rows of Algorithm 1 beside stable-baselines3."""
-    import benchmark_learning
-
-    return benchmark_learning.train_rows(seeds, stack)
-
-
-def large_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
-    """Return the row of the preset ``large``."""
-    import benchmark_learning
-
-    return benchmark_learning.large_rows(seeds, stack)
+    return rows
 
 
 EXTRAS = {
@@ -102,9 +92,9 @@ ROWS: dict[str, Callable[[Sequence[int], ExitStack], list[Row]]] = {
     "planner": planner_rows,
     "worlds": worlds_rows,
     "envpool": envpool_rows,
-    "step": step_rows,
-    "train": train_rows,
-    "large": large_rows,
+    "step": of_learning("step_rows"),
+    "train": of_learning("train_rows"),
+    "large": of_learning("large_rows"),
     "highway-env": highway_env_rows,
     "processes": processes_rows,
     "scaling": scaling_rows,

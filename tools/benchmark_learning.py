@@ -108,10 +108,9 @@ def large_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
 
     Beside it is Algorithm 1 in the twin.
     """
-    pipe, far = multiprocessing.get_context("spawn").Pipe()
-    multiprocessing.get_context("spawn").Process(
-        target=learn_large, args=(far,), daemon=True
-    ).start()
+    context = multiprocessing.get_context("spawn")
+    pipe, far = context.Pipe()
+    context.Process(target=learn_large, args=(far,), daemon=True).start()
     far.close()
     stack.callback(pipe.send, False)
     pipe.recv()

@@ -74,10 +74,8 @@ def _interrupts() -> Iterator[None]:
         yield
         if swallowed:
             raise KeyboardInterrupt
-    except DrlAvError:
-        raise
-    except Exception:
-        if swallowed:
+    except Exception as error:
+        if swallowed and not isinstance(error, DrlAvError):
             raise KeyboardInterrupt from None
         raise
     finally:

@@ -314,8 +314,8 @@ def _is_open(scenario: str) -> bool:
 
 def is_shadowed(name: str) -> bool:
     """Return whether a name is that of a shipped scenario, and of a scenario's folder here."""
-    folder = os.path.join(name, folder_files.DESCRIPTION_FILE)
-    return name in shipped_scenarios() and os.path.isfile(folder)
+    description = os.path.join(name, folder_files.DESCRIPTION_FILE)
+    return name in shipped_scenarios() and os.path.isfile(description)
 
 
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
