@@ -199,9 +199,11 @@ class Pivot:
         return self._select(self.rows, {n: v for n, v in key.items() if n not in dropped} | over)
 
     def best(self, key: Spec) -> str:
-        """Return the label of the fastest driver that is not ours in a group."""
+        """Return the label of the fastest driver that is not ours in the traffic that all drove."""
         rows = self._select(self.rows, key)
         rivals = rows[~rows["driver"].isin(self.spec["ours"])]
+        met = rivals.groupby(traffic_of(rivals))["label"].transform("nunique")
+        rivals = rivals[met == met.max()]
         speeds = dict(iter(rivals.groupby("label", sort=False)[SPEED]))
         return best_opponent(speeds) or ""
 
@@ -211,7 +213,7 @@ def measure(spec: Spec, own: Frame, other: Frame | None = None, units: str | Non
     [kind] = spec.keys() & MEASURES
     expression = spec[kind]
     if kind in ("mean", "interval"):
-        mean = mean_with_interval(own.eval(expression).astype(float))
+        mean = mean_with_interval(own.eval(expression).astype(float), own["seed"])
         return mean if kind == "interval" else Mean(mean.value, math.inf)
     if kind == "total":
         sums = pd.DataFrame([own.sum(numeric_only=True).astype(float)])
@@ -271,7 +273,12 @@ def values_of(rows: Frame, column: str) -> list[Any]:
 
 
 def _strata(rows: Frame, column: str) -> list[Any]:
-    return [own.to_numpy() for _, own in rows.groupby("vehicles")[column]]
+    return [own.to_numpy() for _, own in rows.sort_values("seed").groupby("vehicles")[column]]
+
+
+def traffic_of(rows: Frame) -> list[str]:
+    """Return the columns that together name the traffic of an episode, its seed last."""
+    return [name for name in ("traffic", "vehicles", "seed") if name in rows]
 
 
 def by_traffic(rows: Frame, column: str) -> dict[Any, float]:
@@ -279,7 +286,7 @@ def by_traffic(rows: Frame, column: str) -> dict[Any, float]:
 
     Raises DrlAvError if several rows have the same traffic, which would not be pairs.
     """
-    keys = [rows[name] for name in ("traffic", "vehicles", "seed") if name in rows]
+    keys = [rows[name] for name in traffic_of(rows)]
     found = dict(zip(zip(*keys, strict=True), rows[column], strict=True))
     if len(found) < len(rows):
         raise DrlAvError(

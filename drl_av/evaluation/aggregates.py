@@ -1,9 +1,13 @@
 """Computes aggregate statistics of scores over several numbers of vehicles.
 
 Agarwal et al. recommend these statistics ("Deep Reinforcement Learning at the Edge of the
-Statistical Precipice", NeurIPS 2021); the results agree with their package rliable. ``Strata`` are
-the scores of one driver: one array for each number of vehicles, with one score for each episode.
-Agarwal et al. call these a task and a run. The arrays may have different lengths.
+Statistical Precipice", NeurIPS 2021). ``Strata`` are the scores of one driver: one array for each
+number of vehicles, with one score for each episode. Agarwal et al. call these a task and a run. The
+arrays may have different lengths.
+
+The values agree with their package rliable. There, runs are independent in each task; here, the
+episodes of one traffic seed, or of one training, are alike among all numbers of vehicles. So a
+bootstrap draws the same places from all arrays of one length, whose scores have the same order.
 """
 
 import math
@@ -41,15 +45,18 @@ def interquartile_mean(strata: Strata) -> Estimate:
     """Compute the mean of the middle half of all scores (Agarwal et al., Section 4.3).
 
     The lowest and the highest quarter of the scores, rounded down, are left out. The interval is
-    that of the stratified bootstrap: each resample has as many episodes of each number of vehicles
-    as the scores. ``strata`` has one array of shape (episodes,) for each number of vehicles.
+    that of the bootstrap: each resample has as many episodes of each number of vehicles as the
+    scores. ``strata`` has one array of shape (episodes,) for each number of vehicles.
 
     Raises:
         DrlAvError: a number of vehicles has no scores.
     """
     _require_scores(strata)
     random = np.random.default_rng(SEED)
-    drawn = [random.choice(scores, (RESAMPLES, len(scores))) for scores in strata]
+    places = {
+        count: random.integers(0, count, (RESAMPLES, count)) for count in sorted(map(len, strata))
+    }
+    drawn = [scores[places[len(scores)]] for scores in strata]
     resampled = _middle_mean(np.concatenate(drawn, axis=1))
     return _estimate(float(_middle_mean(np.concatenate(strata))), resampled, strata)
 
@@ -74,15 +81,19 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
             "drivers that drove among the same numbers."
         )
     random = np.random.default_rng(SEED)
+    times = [
+        {
+            count: random.multinomial(count, np.full(count, 1 / count), RESAMPLES)
+            for count in sorted(map(len, strata))
+        }
+        for strata in (ours, theirs)
+    ]
     values, resampled = [], []
     for x, y in zip(ours, theirs, strict=True):
         wins = np.greater.outer(x, y) + 0.5 * np.equal.outer(x, y)
         values.append(wins.mean())
-        count_x, count_y = (
-            random.multinomial(len(scores), np.full(len(scores), 1 / len(scores)), RESAMPLES)
-            for scores in (x, y)
-        )
-        resampled.append(((count_x @ wins) * count_y).sum(axis=1) / wins.size)
+        drawn = (times[0][len(x)] @ wins) * times[1][len(y)]
+        resampled.append(drawn.sum(axis=1) / wins.size)
     return _estimate(float(np.mean(values)), np.mean(resampled, axis=0), (*ours, *theirs))
 
 

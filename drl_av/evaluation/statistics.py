@@ -46,31 +46,39 @@ class Mean(NamedTuple):
         return f"{self.value:.2f} ± {self.half_width:.2f}"
 
 
-def mean_with_interval(values: Iterable[float]) -> Mean:
-    """Compute the mean of independent values with its 95 % confidence interval (Student's t).
+def mean_with_interval(values: Iterable[float], seeds: Iterable[int] | None = None) -> Mean:
+    """Compute a mean with its 95 % confidence interval (Student's t).
 
-    The half-width is infinite for a single value.
+    The values are independent, or as far as their ``seeds`` differ: episodes of one traffic seed
+    among different numbers of vehicles are alike (Cameron and Miller 2015, "A Practitioner's Guide
+    to Cluster-Robust Inference"). The half-width is infinite for a single value or seed.
     """
     from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
     sample = np.array(list(values), dtype=float)
-    if len(sample) < 2:
-        return Mean(float(sample.mean()), math.inf)
-    error = float(sample.std(ddof=1)) / math.sqrt(len(sample))
-    quantile = float(stdtrit(len(sample) - 1, 0.975))
-    return Mean(float(sample.mean()), quantile * error)
+    mean = sample.mean()
+    if seeds is None:
+        sums = sample - mean
+    else:
+        _, place = np.unique(list(seeds), return_inverse=True)
+        sums = np.bincount(place, sample - mean)
+    count = len(sums)
+    if count < 2:
+        return Mean(float(mean), math.inf)
+    error = math.sqrt(count / (count - 1) * float(sums @ sums)) / len(sample)
+    return Mean(float(mean), float(stdtrit(count - 1, 0.975)) * error)
 
 
 def gain(
-    ours: Mapping[Any, float],
-    theirs: Mapping[Any, float],
+    ours: Mapping[tuple[Any, ...], float],
+    theirs: Mapping[tuple[Any, ...], float],
     drivers: str = "The drivers",
     among: str = "",
 ) -> Mean:
     """Compute the gain, the mean of ours minus theirs with its 95 % interval, paired by traffic.
 
     Args:
-        ours: A value for each episode; the key names its traffic.
+        ours: A value for each episode; the key names its traffic, and the seed is its last entry.
         theirs: The values of the other driver.
         drivers: The names of the two drivers, for the error message.
         among: The traffic that is compared, for the message, such as " among 10 vehicles".
@@ -82,7 +90,8 @@ def gain(
         raise DrlAvError(
             f"{drivers} did not drive the same traffic{among}: evaluate them together."
         )
-    return mean_with_interval(ours[traffic] - theirs[traffic] for traffic in ours)
+    differences = (ours[traffic] - theirs[traffic] for traffic in ours)
+    return mean_with_interval(differences, (seed for *_, seed in ours))
 
 
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
@@ -165,11 +174,10 @@ def paired(
     """
     episodes = list(episodes)
     require_distinct(episodes)
-    speeds: dict[int, dict[str, dict[int, float]]] = {}
+    speeds: dict[int, dict[str, dict[tuple[int], float]]] = {}
     for row in episodes:
-        speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})[row.seed] = (
-            row.mean_speed_m_s
-        )
+        driven = speeds.setdefault(row.vehicles, {}).setdefault(row.driver, {})
+        driven[(row.seed,)] = row.mean_speed_m_s
     found = []
     for vehicles, own in sorted(speeds.items()):
         among = f" among {pluralize(vehicles, 'vehicle')}"
@@ -317,6 +325,12 @@ def overall(rows: Sequence[EpisodeResult], baselines: Iterable[str]) -> list[Ove
         cells = grouped(own, lambda row: row.vehicles)
         strata[driver] = [scores(cells[n], "mean_speed_m_s", by_training) for n in sorted(cells)]
     best = fastest(rows, baselines)
+    numbers = {frozenset(row.vehicles for row in own) for own in drives.values()}
+    if best is not None and len(numbers) > 1:
+        raise DrlAvError(
+            "The drivers drove among different numbers of vehicles: compare drivers that drove "
+            "among the same numbers."
+        )
     return [
         Overall(
             driver=driver,

@@ -44,6 +44,15 @@ def test_each_number_of_vehicles_is_resampled_on_its_own() -> None:
     assert interquartile_mean([np.full(5, 10.0), np.full(5, 20.0)]) == (15.0, 15.0, 15.0)
 
 
+def test_the_episodes_of_one_seed_are_resampled_together() -> None:
+    # what one seed loses among few vehicles it gains among many: whichever seeds are drawn, the
+    # middle two of four scores have the mean 5
+    opposed = [np.array([0.0, 10.0]), np.array([10.0, 0.0])]
+    assert interquartile_mean(opposed) == (5.0, 5.0, 5.0)
+    # and a score of 5 is exceeded by one of the two numbers of vehicles
+    assert probability_of_improvement(opposed, [np.array([5.0])] * 2) == (0.5, 0.5, 0.5)
+
+
 def test_the_probability_of_improvement_counts_pairs_and_half_of_the_ties() -> None:
     # 3 beats 1 and 2 and ties with 3, 2 beats 1 and ties with 2: 4 of 6
     first = probability_of_improvement([np.array([3.0, 2.0])], [np.array([1.0, 2.0, 3.0])])

@@ -22,9 +22,9 @@ COMFORT = dict.fromkeys(set(CriticalityResult.__annotations__), 0)
 def drives(
     driver: str, *speeds_m_s: float, times: int = 1, **changed: object
 ) -> list[EpisodeResult]:
-    """Two episodes among each of as many numbers of vehicles as the speeds need."""
+    """Two episodes among each of as many numbers of vehicles as the speeds need, of own seeds."""
     return [
-        episode(driver, index % 2, speed, vehicles=index // 2 * 5, decisions=100, **changed)
+        episode(driver, index, speed, vehicles=index // 2 * 5, decisions=100, **changed)
         for index, speed in enumerate(speeds_m_s * times)
     ]
 
@@ -48,6 +48,15 @@ def test_two_evaluations_of_one_driver_are_not_judged_as_one() -> None:
     mine = drives("mine", *FASTER)
     with pytest.raises(DrlAvError, match=r"mine drove seed 0 among 0 vehicles twice: remove one"):
         judge([*mine, *mine[:1], *RULES])
+
+
+def test_episodes_of_one_seed_among_several_numbers_of_vehicles_count_as_one() -> None:
+    rows = [*drives("mine", *FASTER), *RULES]
+    alike = [replace(row, seed=row.seed % 2) for row in rows]
+    mine = {each.driver: each for each in judge(alike)}["mine"]
+    # 1 and 1 of seed 0, 1 and 1.5 of seed 1: 1.125 +- 12.706 * 0.125, not 3.182 * 0.125
+    assert mine.criterion("speed").difference == pytest.approx((1.125, -0.463, 2.713), abs=1e-3)
+    assert mine.criterion("speed").result == "undecided"
 
 
 def judged(rows: list[EpisodeResult], among: list[EpisodeResult]) -> module.CriterionResult:

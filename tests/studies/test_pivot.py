@@ -123,12 +123,12 @@ def test_the_best_opponent_is_that_of_each_column_and_never_one_of_ours(study: F
         best="the best opponent",
         value={"gain": "mean_speed_m_s", "over": "best", "common": True},
     )
-    # means: slow 18 and 12, quick 24 and 9; over both slow 15, quick 16.5. Of the last column:
-    # 3, -1, 3 and 1, standard error 0.957, t(0.975, 3) = 3.182
+    # means: slow 18 and 12, quick 24 and 9; over both slow 15, quick 16.5. The last column has 3
+    # and 0 for the two seeds, the means among 5 and 10: standard error 1.5, t(0.975, 1) = 12.706
     assert found == [
         "variant | label | 5 | 10 | all",
         "plain | the best opponent | `quick` | `slow` | `quick`",
-        "plain | `ours` | 1.00 ± 25.41 | -1.00 ± 25.41 | 1.50 ± 3.05",
+        "plain | `ours` | 1.00 ± 25.41 | -1.00 ± 25.41 | 1.50 ± 19.06",
     ]
 
 
