@@ -26,7 +26,7 @@ from drl_av.env.fork import place_ego, twin_of
 from drl_av.env.twin_episodes import decide_all
 from drl_av.env.wide_view import most_probable_actions
 from drl_av.errors import ConfigError
-from drl_av.random_streams import Stream, generator
+from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.road.sweep import NO_CONTACT
 from drl_av.safety import named_check
@@ -54,8 +54,9 @@ REQUEST_STEPS = 10
 class PlannerDriver(Driver):
     """Proposes the action after which the shipped driver comes farthest in the twin.
 
-    It knows the settings ``traffic`` from which the parameters of the others are drawn, but not
-    those of any vehicle. It sees the vehicles within ``observation.range_m``.
+    It knows the settings ``traffic`` from which the parameters of the others are drawn, with
+    several ``traffic.presets`` those of the episode's, but not the parameters of any vehicle. It
+    sees the vehicles within ``observation.range_m``.
 
     Args:
         actor: The layers and the config of the base policy.
@@ -66,24 +67,29 @@ class PlannerDriver(Driver):
     """
 
     def __init__(self, actor: tuple[Layers, Config], config: Config) -> None:
-        said = "The planner tries its actions", "name another driver"
-        self._twin = twin_of(*said, config, action_mask=False)
-        if not self._twin.road.is_loop:
+        said, kinds = (
+            ("The planner tries its actions", "name another driver"),
+            config.per_traffic_preset,
+        )
+        self._kinds = [(kind, twin_of(*said, kind, action_mask=False)) for kind in kinds]
+        if not self._kinds[0][1].road.is_loop:
             raise ConfigError(
                 "The planner follows the shipped driver, which knows no roads that end: take a "
                 "loop, or name another driver."
             )
-        self._twin.reset(seed=0, options={"vehicles": 0})
+        for _, twin in self._kinds:
+            twin.reset(seed=0, options={"vehicles": 0})
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         check = named_check(config, self._scenario.vehicle_types, self._scenario.road)
         self._base = actor_driver("planner", actor, config, check)
         self._layers, self._paid = actor[0], actor[1].ppo
         self._road = self._scenario.road
-        self._kind, self._range_m = config.per_traffic_preset[0], config.observation.range_m
+        self._range_m = config.observation.range_m
         self.start(0)
 
     def start(self, seed: int) -> None:
-        """Forget all vehicles; the futures that are tried depend on ``seed``."""
+        """Forget all vehicles; ``seed`` draws the kind of traffic, and the futures to be tried."""
+        self._kind, self._twin = self._kinds[kind_of_traffic(seed, len(self._kinds))]
         self._rng = generator(seed, Stream.PLANS)
         self._beliefs = Beliefs(self._rng, self._scenario, self._kind)
         self._speeds: dict[str, float] = {}

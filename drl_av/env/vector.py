@@ -238,7 +238,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         info = self._info()
         decided = proposed, executed, rules
         info |= step_info(
-            self.episodes, self._over, self.ways, decided, self.collided_with, ~begins
+            self.episodes, self._over, self.ways, decided, self.collided_with.copy(), ~begins
         )
         if not goes_on.all():
             info |= self._start_info(np.flatnonzero(begins))

@@ -232,6 +232,8 @@ class Simulation:
         if entering is not None:
             self._populate(entering, len(kept))
         self._watch(kept.tolist())
+        asked = self.requests
+        self.requests = {row: asked[was] for row, was in enumerate(kept.tolist()) if was in asked}
         entered = self._states.state(len(kept))
         self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
         self._moved = {}

@@ -20,6 +20,7 @@ from drl_av.env.beliefs import GUESSES, Beliefs
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.planner import PlannerDriver, _libraries
 from drl_av.errors import ConfigError, DrlAvWarning
+from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
 from drl_av.twin.worlds import ACCELERATION_M_S2, DESIRED_M_S, HEADWAY_S
@@ -350,6 +351,23 @@ def test_its_settings_are_those_of_its_base_policy() -> None:
     [planner, shipped] = find_drivers(["planner", "pretrained"])
     assert driving_config([planner], None) == driving_config([shipped], None)
     assert driving_config([planner], None).safety.check == "strict"
+
+
+def test_in_traffic_of_several_kinds_it_plans_for_that_of_the_episode() -> None:
+    several = STRICT.updated("traffic", presets=("calm", "naturalistic"))
+    planner = preferring(*ALONG, config=several)
+    seen = set()
+    for seed in range(6):
+        planner.start(seed)
+        kind = several.per_traffic_preset[kind_of_traffic(seed, 2)]
+        alone = preferring(*ALONG, config=kind)
+        alone.start(seed)
+        assert planner._kind == kind
+        # only drivers of calm traffic change lanes at random
+        futures = [one._twin.fork(4, seed=5).episodes.events for one in (planner, alone)]
+        assert np.array_equal(*futures)
+        seen.add(planner._kind.traffic.random_lane_changes_per_s > 0)
+    assert seen == {True, False}
 
 
 def test_under_another_check_it_warns_as_its_base_policy_does() -> None:

@@ -1,5 +1,6 @@
 """The vehicles of an open road: where they start, who enters, and who leaves."""
 
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
+from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ScenarioError
 from drl_av.road.road import SpeedLimit
-from drl_av.scenarios.folder import load_scenario, write_scenario
+from drl_av.scenarios.folder import load_scenario, with_scenario, write_scenario
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_types import ROAD_TYPES
 from drl_av.simulation.fleet import Fleet
@@ -198,3 +200,26 @@ def test_a_training_begins_with_up_to_twice_the_vehicles_of_the_flow_that_have_r
     write_scenario(tmp_path / "road", ROAD_TYPES["merge"].description(flow_per_h=flow_per_h))
     config = Config().with_traffic("calm").updated("traffic", start_gap_m=gap_m)
     assert Fleet(load_scenario(tmp_path / "road"), config).most_in_training == most
+
+
+def test_a_request_stays_with_its_vehicle_while_others_leave_and_enter() -> None:
+    config = with_scenario(Config(), "straight").updated("traffic", random_lane_changes_per_s=0.05)
+    kept = moved = 0
+    with closing(HighwayEnv(config=config)) as env:
+        env.reset(seed=3)
+        for _ in range(60):
+            simulation, now_s = env.simulation, float(env.scene.snapshot.time_s)
+            ids = simulation.fleet.ids
+            asked = {ids[row]: request for row, request in simulation.requests.items()}
+            env.step(0)
+            after = simulation.fleet.ids
+            now = {after[row]: request for row, request in simulation.requests.items()}
+            for name, (lane, end_s) in asked.items():
+                if name not in after:
+                    assert name not in now
+                elif now[name][1] == end_s:  # not asked anew
+                    assert now[name] == (lane, end_s)
+                    kept += 1
+                    moved += ids.index(name) != after.index(name)
+            assert all(end_s >= now_s for name, (_, end_s) in now.items() if name not in asked)
+    assert min(kept, moved) > 20

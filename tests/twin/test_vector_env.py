@@ -9,6 +9,7 @@ import gymnasium
 import numba
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode
 
 import drl_av  # noqa: F401
@@ -47,6 +48,23 @@ def test_make_vec_makes_the_worlds_of_the_twin() -> None:
     assert info["action_mask"].shape == (3, 12)
     assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
     env.close()
+
+
+@pytest.mark.parametrize("mode", [*AutoresetMode])
+def test_what_was_returned_never_changes_afterwards(mode: AutoresetMode) -> None:
+    env = TwinVectorEnv(64, safety_check="permit_all", autoreset_mode=mode)
+    env.reset(seed=2_000_000, options={"vehicles": 20})
+    rng, returned, kept, struck = np.random.default_rng(1), [], [], 0
+    for _ in range(30):
+        found = env.step(rng.integers(12, size=64))
+        returned.append(found)
+        kept.append(copy.deepcopy(found))
+        struck += int((found[-1]["collided_with"] != "").sum())
+        if mode == AutoresetMode.DISABLED and (over := found[2] | found[3]).any():
+            env.reset(options={"reset_mask": over, "vehicles": 20})
+    assert struck > 20 or mode == AutoresetMode.SAME_STEP  # there the names are in final_info
+    for before, after in zip(kept, returned, strict=True):
+        assert data_equivalence(before, after)
 
 
 def test_each_world_is_the_episode_of_its_seed_and_threads_change_nothing() -> None:
