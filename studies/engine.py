@@ -166,7 +166,7 @@ def _report(
             for rows in unread:
                 table.add(*rows.reported())
         _note_wall_times([rows.job for rows in unread], table)
-        unread[:] = [rows for rows in unread if _missing_rows(rows, table)]
+        unread[:] = [rows for rows in unread if not rows.job.begun or _missing_rows(rows, table)]
 
     begun = [rows.job.origin for rows in trainings if rows.job.begun and rows.job.origin]
     _require_drivers(begun, table)
