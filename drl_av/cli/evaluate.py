@@ -12,8 +12,8 @@ from drl_av.cli.options import (
     add_env_options,
     add_flag,
     add_number,
+    add_observation,
     add_path,
-    add_text,
     custom_parts,
     driver_words,
     numbers_of_vehicles,
@@ -103,8 +103,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_path(parser, "--json", "FILE.json", "write the summary")
     add_env_options(parser, "the first RUN's")
-    observation = "your own observation as module:name (default: the 27 indicators)"
-    add_text(parser, "--observation", "NAME", observation)
+    add_observation(parser)
 
 
 def evaluate(options: argparse.Namespace) -> int:
@@ -226,8 +225,8 @@ def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
         known = zip(ranks, values, strict=True)
         return tuple((rank.index(v), v) if v in rank else (len(rank), v) for rank, v in known)
 
-    config = evaluation.config
-    besides = custom_inputs(config, evaluation.custom)
+    besides = custom_inputs(evaluation.config, evaluation.custom)
+    config = evaluation.config.without_training
     inputs = Inputs({"": config}, checksums(evaluation.specs), custom=besides)
     return ResultTable(path, inputs, place, beside=path.with_suffix(PROVENANCE))
 

@@ -130,8 +130,8 @@ def _require_options_of_ppo(options: argparse.Namespace) -> None:
         if getattr(options, option):
             raise ConfigError(
                 f"--{option.replace('_', '-')} belongs to the training by Algorithm 1, but this "
-                "one is PPO at scale, which begins anew and counts its decisions (-o "
-                "ppo.decisions=N): leave it out, or choose another preset in a new folder."
+                "one is PPO at scale, whose length is -o ppo.decisions=N: leave it out, or choose "
+                "another preset in a new folder."
             )
 
 

@@ -92,6 +92,12 @@ def driver_words() -> str:
     )
 
 
+def add_observation(parser: argparse.ArgumentParser) -> None:
+    """Add the option of an observation other than the indicators to a verb that only drives."""
+    observation = "wide, or your own observation as module:name (default: the 27 indicators)"
+    add_text(parser, "--observation", "NAME", observation)
+
+
 def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = True) -> None:
     """Add the options of an environment to a parser: scenario, traffic, check, reward, settings.
 
@@ -105,8 +111,8 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
     parser.add_argument(
         "--world",
         choices=WORLDS,
-        help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: "
-        "sumo, or that of the --preset)",
+        help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: that of the "
+        "settings)",
     )
     check = f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})"
     add_text(parser, "--safety-check", "NAME", check)
@@ -198,7 +204,7 @@ def with_command_line(config: Config, options: argparse.Namespace) -> Config:
 def custom_parts(options: argparse.Namespace) -> "CustomParts":
     """Return the user's own check, reward and observation of the command line.
 
-    Raises ConfigError if one of them does not have the form ``module:name``.
+    Raises ConfigError if the reward does not have the form ``module:name``.
     """
     from drl_av.env.custom import CustomParts
 
@@ -209,9 +215,8 @@ def custom_parts(options: argparse.Namespace) -> "CustomParts":
         getattr(options, "observation", None),
         options.sumo_options,
     )
-    for option, word in (("--reward", custom.reward), ("--observation", custom.observation)):
-        if word is not None and not is_factory(str(word)):
-            raise ConfigError(f"{option} is {word!r}, but must have the form module:name.")
+    if custom.reward is not None and not is_factory(str(custom.reward)):
+        raise ConfigError(f"--reward is {custom.reward!r}, but must have the form module:name.")
     return custom
 
 

@@ -11,6 +11,7 @@ from drl_av.cli.options import (
     add_env_options,
     add_flag,
     add_number,
+    add_observation,
     add_path,
     add_text,
     custom_parts,
@@ -86,6 +87,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     frame = "write drl_av.episode_frame: each vehicle at each decision; needs the extra parquet"
     add_path(parser, "--parquet", "FILE.parquet", frame)
     add_env_options(parser, "the RUN's")
+    add_observation(parser)
 
 
 def replay(options: argparse.Namespace) -> int:
@@ -243,7 +245,8 @@ def _new_sessions(
             vehicles = usual if options.vehicles is None else options.vehicles
             env.reset(seed=seed, options={"vehicles": vehicles})
             check = env.safety_check if own.safety_check else None
-        [(name, driver)] = make_drivers([spec], config, check).items()
+            seen = env.observation_space if own.observation else None
+        [(name, driver)] = make_drivers([spec], config, check, seen).items()
         sessions.append(ReplaySession(config, driver, name, seed, vehicles, custom=own))
     return sessions
 
@@ -310,5 +313,5 @@ def _refuse_settings(options: argparse.Namespace, source: str, check: str | None
     if given:
         option = "--config and -o" if given[0] == "config" else f"--{given[0].replace('_', '-')}"
         raise RecordingError(
-            f"{option} cannot be changed in {source}: a recorded episode is driven as it was."
+            f"{option} cannot be changed in {source}: its episodes are driven as they were."
         )

@@ -100,6 +100,11 @@ class Config:
         """One config for each of ``traffic.presets``; without any, only this one."""
         return [*map(self.with_traffic, self.traffic.presets)] or [self]
 
+    @property
+    def without_training(self) -> "Config":
+        """This config with the default settings of trainings, on which no episode depends."""
+        return replace(self, learning=LearningConfig(), ppo=PpoConfig())
+
     def to_toml(self) -> str:
         """Return all settings as TOML text; ``from_toml`` converts it back to an equal config."""
         return tomli_w.dumps(asdict(self))
@@ -153,6 +158,7 @@ def from_sections(
         known = [item.name for item in fields(_SECTIONS[section])]
         for key in settings:
             if key not in known:
+                known = ["kind", *known] if section == "traffic" else known
                 raise ConfigError(
                     f"{name}: [{section}] has no key {key!r}{did_you_mean(key, known)}; "
                     f"its keys are: {', '.join(known)}."

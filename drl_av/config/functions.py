@@ -30,9 +30,7 @@ def import_function(word: str, what: str) -> Any:
         ConfigError: the module or the function does not exist, or the module cannot be imported.
     """
     if not is_factory(word):
-        raise ConfigError(
-            f"The {what} {word!r} is not the name of a function: write module:factory."
-        )
+        raise ConfigError(f"The {what} {word!r} is not the name of a function: write module:name.")
     module, _, name = word.partition(":")
     folder = str(Path.cwd())
     if folder not in sys.path:
@@ -42,7 +40,7 @@ def import_function(word: str, what: str) -> Any:
             return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, SyntaxError) as error:
         raise ConfigError(
-            f"The {what} {word!r} cannot be imported ({error}): write it as module:factory, with "
+            f"The {what} {word!r} cannot be imported ({error}): write it as module:name, with "
             "a module in the working directory or an installed one that can be imported."
         ) from error
 

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action, action_of
-from drl_av.driving.affordances import INDICATORS
+from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.errors import CheckpointError, DrlAvWarning, needed_by
@@ -65,6 +65,8 @@ _FUNCTIONS = re.compile(
 """What a pickle may name, as ``module:name``: these classes, and these functions of numpy."""
 
 
+INDICATOR_SHAPES = {(len(INDICATORS),), (len(INDICATORS + ROUTE_INDICATORS),)}
+"""Those of the indicators, without ``observation.way`` and with it."""
 _NOT_NEGATIVE = [row for row, name in enumerate(INDICATORS) if name.endswith("_d_x")]
 """The gaps in an observation."""
 
@@ -114,7 +116,13 @@ class NormalizedDriver(Driver):
         return self._driver.act(scene, self._normalize(observation))
 
 
-def driver_of_agent(path: Path, observed: int, check: Callable[[], SafetyCheck]) -> Driver:
+Shape = tuple[int, ...] | None
+"""The shape of an observation; None if it is no array, such as a dictionary."""
+
+
+def driver_of_agent(
+    path: Path, shape: Shape, is_own: bool, check: Callable[[], SafetyCheck]
+) -> Driver:
     """Load an agent that stable-baselines3 or sb3-contrib saved; the driver acts deterministically.
 
     If its training normalized observations with VecNormalize, the statistics are read from
@@ -122,7 +130,8 @@ def driver_of_agent(path: Path, observed: int, check: Callable[[], SafetyCheck])
 
     Args:
         path: The zip file.
-        observed: Number of indicators in an observation.
+        shape: The shape of the environment's observations.
+        is_own: Whether these are the user's own, and not the indicators in their usual order.
         check: Returns the safety check of the environment, of which MaskablePPO gets the mask.
 
     Raises:
@@ -133,10 +142,10 @@ def driver_of_agent(path: Path, observed: int, check: Callable[[], SafetyCheck])
     module = _policy_module(path, data)
     library = _library(path, _LIBRARIES[module])
     observes, acts = (_safe(path, data, name) for name in ("observation_space", "action_space"))
-    _require_spaces(path, observes, acts, observed)
-    normalize = _normalization(path, data, observes)
+    _require_spaces(path, observes, acts, shape)
+    normalize = _normalization(path, data, observes, is_own)
     policy_class, kwargs = _own_parts(path, data)
-    _require_size(path, kwargs, observed)
+    _require_size(path, kwargs, int(np.prod(shape or ())))
     try:
         stored = {name: None for name, value in data.items() if _is_pickled(value)}
         _, tensors, _ = library.load_from_zip_file(path, custom_objects=stored, device="cpu")
@@ -264,32 +273,34 @@ def _own_parts(path: Path, data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]
     return policy_class, dict(kwargs or {})
 
 
-def _require_spaces(path: Path, observes: Any, acts: Any, observed: int) -> None:
+def _require_spaces(path: Path, observes: Any, acts: Any, shape: Shape) -> None:
     """Raise CheckpointError unless an agent has the environment's observations and actions."""
     spaces = observes.shape, getattr(acts, "n", None)
-    if spaces == ((observed,), len(ACTIONS)):
+    if spaces == (shape, len(ACTIONS)):
         return
     remedy = "use PolicyDriver(policy, observe) in Python"
-    if spaces[0] and int(np.prod(spaces[0])) % observed == 0 and int(np.prod(spaces[0])) > observed:
-        frames = int(np.prod(spaces[0])) // observed
+    frames, rest = divmod(int(np.prod(spaces[0] or ())), max(int(np.prod(shape or ())), 1))
+    if shape and spaces[0] and frames > 1 and not rest:
         remedy = (
             f"these are {frames} stacked observations, so give a factory module:function whose "
             f"driver stacks the last {frames}"
         )
     elif spaces == ((WIDE_SIZE,), len(ACTIONS)):
-        remedy = f'drive with observation="wide", as in its training, or {remedy}'
-    elif spaces[1] == len(ACTIONS):
+        remedy = "drive with --observation wide (observation=), as in its training"
+    elif spaces[1] == len(ACTIONS) and {spaces[0], shape} == INDICATOR_SHAPES:
         remedy = f"set observation.way as in its training, or {remedy}"
+    elif spaces[1] == len(ACTIONS):
+        remedy = "name the observation of its training (--observation, observation=), if any"
     raise CheckpointError(
         f"{path} was trained with observations of shape {spaces[0]} and {spaces[1]} actions, "
-        f"but drives with ({observed},) and {len(ACTIONS)} here: {remedy}."
+        f"but drives with {shape} and {len(ACTIONS)} here: {remedy}."
     )
 
 
-def _require_size(path: Path, kwargs: Mapping[str, Any], observed: int) -> None:
+def _require_size(path: Path, kwargs: Mapping[str, Any], inputs: int) -> None:
     """Raise CheckpointError if the policy asks for layers larger than ``MAX_UNPACKED``."""
     words = re.findall(r"\d+", repr(kwargs.get("net_arch")))
-    sizes = [observed, *map(int, words)]
+    sizes = [inputs, *map(int, words)]
     if any(4 * a * b > MAX_UNPACKED for a, b in pairwise(sizes)):
         raise CheckpointError(
             f"{path} asks for layers of {', '.join(words)} units, which need more than "
@@ -298,7 +309,7 @@ def _require_size(path: Path, kwargs: Mapping[str, Any], observed: int) -> None:
 
 
 def _normalization(
-    path: Path, data: Mapping[str, Any], observes: Any
+    path: Path, data: Mapping[str, Any], observes: Any, is_own: bool
 ) -> Callable[[Any], Any] | None:
     """Return the normalization with which an agent was trained by VecNormalize, or None.
 
@@ -308,10 +319,10 @@ def _normalization(
     """
     known = data.get("_last_original_obs") is not None
     by_library = known and "replay_buffer_class" not in data  # algorithms with one always know it
-    if known and not by_library and not _are_raw(path, data, "_last_obs", observes):
+    if known and not by_library and not _are_raw(path, data, "_last_obs", observes, is_own):
         by_library = True
     last = "_last_original_obs" if by_library else "_last_obs"
-    if not _are_raw(path, data, last, observes):
+    if not _are_raw(path, data, last, observes, is_own):
         raise CheckpointError(
             f"{path} was trained on observations outside the bounds of this environment, as "
             "gymnasium's NormalizeObservation makes them, and does not hold the statistics: give a "
@@ -329,18 +340,21 @@ def _normalization(
     return None
 
 
-def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any) -> bool:
+def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any, is_own: bool) -> bool:
     """Whether the last observations of a training can be ones of the environment.
 
-    Normalized ones often lie within its bounds, but hardly ever without a negative gap or speed.
+    Normalized ones often lie within its bounds, but hardly ever without a negative gap.
     """
+    if observes.shape is None:  # a dictionary
+        return True
     if not (np.isfinite(observes.low).all() and np.isfinite(observes.high).all()):
         return False
     seen = None if data.get(name) is None else np.asarray(_safe(path, data, name))
     if seen is None or seen.shape[-1:] != observes.shape:
         return True
     low = observes.low - 1e-4
-    low[_NOT_NEGATIVE] = -1e-4
+    if not is_own:
+        low[_NOT_NEGATIVE] = -1e-4
     return bool(((seen >= low) & (seen <= observes.high + 1e-4)).all())
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drl_av.config import Config
 from drl_av.config.functions import import_function, require_function
-from drl_av.drivers.agent import driver_of_agent, statistics_file
+from drl_av.drivers.agent import Shape, driver_of_agent, statistics_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.onnx import OnnxDriver
 from drl_av.errors import ConfigError
@@ -51,9 +51,11 @@ def require_methods(driver: Driver, name: str) -> None:
     require_function(driver.act, f"The method act of the driver {name!r}", "scene", "observation")
 
 
-LOADERS: dict[str, Callable[[Path, int, Callable[[], SafetyCheck]], Driver]] = {
+LOADERS: dict[str, Callable[[Path, Shape, bool, Callable[[], SafetyCheck]], Driver]] = {
     ".zip": driver_of_agent,
-    ".onnx": lambda path, observed, check: OnnxDriver(path, observed),
+    ".onnx": lambda path, shape, is_own, check: OnnxDriver(
+        path, shape[0] if shape and len(shape) == 1 else 0
+    ),
 }
 """The function that loads a driver from a file; the key is the file's suffix.
 

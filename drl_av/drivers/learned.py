@@ -28,7 +28,8 @@ def network_values(network: QNetwork) -> Values:
         if s.shape[-1] != observed:
             raise ConfigError(
                 f"The observation has {s.shape[-1]} numbers, but this driver observes {observed}: "
-                "choose the environment of its training, or set observation.way as there."
+                "choose the environment and the observation of its training, such as "
+                "observation.way and no --observation (observation=)."
             )
         return forward(layers, s)[1]
 

@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drl_av.config import Config, TrafficConfig
 from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, as_config
 from drl_av.config.section import did_you_mean
 from drl_av.drivers import policy_file
+from drl_av.drivers.agent import Shape
 from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
@@ -44,6 +45,9 @@ from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
+
+if TYPE_CHECKING:
+    from gymnasium.spaces import Space
 
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),
@@ -300,14 +304,14 @@ def make_drivers(
     specs: Sequence[DriverSpec],
     config: Config,
     check: SafetyCheck | None = None,
-    observed: int | None = None,
+    own_observation: "Space[Any] | None" = None,
 ) -> dict[str, Driver]:
     """Load or build each driver for an environment with this config; the keys are their names.
 
     A learned driver keeps the [learning] settings of its training, such as its mirror. With
     ``driver.hold_s`` each is a ``SteadyDriver``, but SUMO's own.
     ``check`` is the environment's safety check; by default it is made if a driver asks it.
-    ``observed`` is the number of values of the environment's observation, if that is the user's.
+    ``own_observation`` is the space of the environment's observation, if that is the user's.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
@@ -337,12 +341,15 @@ def make_drivers(
             drivers[name] = spec.own
         elif not spec.is_external:
             drivers[name] = rule_driver(_without_check(name), driven_by)
-    if observed is None:
-        observed = len(observed_indicators(config.observation))
+    shape: Shape = (len(observed_indicators(config.observation)),)
+    if own_observation is not None:
+        shape = own_observation.shape
     for spec in specs:  # at the end: a zip file is not loaded if another driver is refused
         if spec.is_external and spec.run is not None:
             load = LOADERS[spec.run.suffix.lower()]
-            drivers[spec.name] = load(spec.run, observed, partial(its_check, spec))
+            drivers[spec.name] = load(
+                spec.run, shape, own_observation is not None, partial(its_check, spec)
+            )
         if config.driver.hold_s and not isinstance(drivers[spec.name], SumoDriver):
             drivers[spec.name] = SteadyDriver(drivers[spec.name], its_check(spec), config)
     return {spec.name: drivers[spec.name] for spec in specs}

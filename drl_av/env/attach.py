@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from drl_av.config import Config
-from drl_av.config.functions import require_function
 from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import is_driver, require_methods
@@ -16,6 +15,7 @@ from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.env.custom import custom_check, with_check
 from drl_av.env.observation import default_groups, observation_function
 from drl_av.errors import ConfigError
 from drl_av.road.road import Road
@@ -76,14 +76,12 @@ def attach(
     settings = settings.updated(
         "simulation", step_length_s=step_s, lateral_resolution_m=resolution_m
     )
-    if isinstance(safety_check, str):
-        settings = settings.updated("safety", check=safety_check)
+    settings, own_check = with_check(settings, safety_check)
     around = Surroundings(connection, vehicle, settings.observation.range_m)
-    if safety_check is None or isinstance(safety_check, str):
+    if own_check is None:
         check: SafetyCheck = _named_check(around, settings)
     else:
-        require_function(safety_check, "safety_check", "scene", "proposed")
-        check = safety_check
+        check = custom_check(own_check, settings)
     if isinstance(driver, str | Path):
         [driver] = make_drivers(specs, settings, check).values()
     if isinstance(driver, SumoDriver):

@@ -192,11 +192,9 @@ class _Equipment:
         config, specs, custom = self.given
         for parts in self._parts.values():
             self.env(*parts)
-        env, observed = self.env(config, custom), None
-        if custom.observation is not None:
-            shape = env.observation_space.shape or ()
-            observed = shape[0] if len(shape) == 1 else 0
-        self._drivers = make_drivers(specs, config, env.safety_check, observed)
+        env = self.env(config, custom)
+        own = None if custom.observation is None else env.observation_space
+        self._drivers = make_drivers(specs, config, env.safety_check, own)
 
     def drive(
         self,

@@ -90,7 +90,7 @@ def evaluate(
     drivers: Word | Iterable[Word] = (),
     *,
     own: Mapping[str, Driver] = MappingProxyType({}),
-    vehicles: int | Iterable[int] = (),
+    vehicles: int | Iterable[int] | None = None,
     episodes: int = 50,
     seed: int = 0,
     jobs: int = 1,
@@ -143,7 +143,9 @@ def evaluate(
         SimulationError: SUMO ended unexpectedly.
     """
     given = vehicles if isinstance(vehicles, Iterable) else [vehicles]
-    numbers = [_whole("vehicles", number, 0) for number in given]
+    numbers = [] if vehicles is None else [_whole("vehicles", number, 0) for number in given]
+    if vehicles is not None and not numbers:
+        raise ConfigError("vehicles names no number of vehicles: name one, or leave it out.")
     episodes, seed = _whole("episodes", episodes, 1), _whole("seed", seed, 0)
     jobs = _whole("jobs", jobs, 1)
     if not isinstance(own, Mapping):

@@ -59,17 +59,22 @@ class Inputs(NamedTuple):
     custom: Mapping[str, str] = {}
     """What the rows rest on besides: the scenario's files, and what the user has added."""
 
-    def contradicts(self, other: "Inputs") -> bool:
-        """Return whether a name has another config, policy or number of episodes in ``other``.
+    def conflict(self, other: "Inputs") -> str:
+        """Return what two values disagree on, such as "safety.check"; "" if nothing.
 
-        The result is also True if only one of the two values uses the name "" for its settings.
+        They also disagree if only one of them uses the name "" for its settings.
         """
+        if self.settings and other.settings and ("" in self.settings) != ("" in other.settings):
+            return "settings"
+        for name in self.settings.keys() & other.settings.keys():
+            mine, its = asdict(self.settings[name]), asdict(other.settings[name])
+            for section, settings in mine.items():
+                for key in (key for key in settings if settings[key] != its[section][key]):
+                    return f"{section}.{key}"
         pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
-        pairs = [*zip(self, other, strict=True)]
-        shared = bool(self.settings and other.settings)
-        return (shared and ("" in self.settings) != ("" in other.settings)) or any(
-            mine.get(name, value) != value for mine, its in pairs for name, value in its.items()
-        )
+        pairs = [*zip(self[1:], other[1:], strict=True)]
+        differ = (n for own, its in pairs for n, v in its.items() if own.get(n, v) != v)
+        return next((name or "driver" for name in differ), "")
 
     def extended(self, other: "Inputs") -> "Inputs":
         """Return a value with the entries of both; for a name in both, that of ``other``."""
@@ -156,8 +161,8 @@ class ResultTable:
 
         Raises DrlAvError if the table's rows were made with other settings or drivers.
         """
-        if inputs.contradicts(self._inputs):
-            raise settings_mismatch(self.path, self.beside)
+        if conflict := inputs.conflict(self._inputs):
+            raise settings_mismatch(self.path, self.beside, conflict)
         self._inputs = self._inputs.extended(inputs)
 
     def add(self, *rows: Row) -> bool:
@@ -263,11 +268,12 @@ def report_corrupt_table(table: Path) -> Iterator[None]:
         ) from error
 
 
-def settings_mismatch(table: Path, beside: Path) -> DrlAvError:
+def settings_mismatch(table: Path, beside: Path, conflict: str = "") -> DrlAvError:
     """Return the error for a table that was made with other settings or drivers."""
+    found = f" ({conflict})" if conflict else ""
     return DrlAvError(
-        f"{table} was made with other settings, columns or drivers: choose another --out, or move "
-        f"it and {beside.name} away to make it again."
+        f"{table} was made with other settings, columns or drivers{found}: choose another --out, "
+        f"or move it and {beside.name} away to make it again."
     )
 
 

@@ -21,10 +21,12 @@ from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 from worlds import ALONE
 
+import drl_av
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.drivers import agent as module
 from drl_av.drivers.agent import driver_of_agent
+from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, DrlAvWarning
 from drl_av.safety.check import permit_all
@@ -44,7 +46,7 @@ class Bomb:
 
 
 def loaded(path: Path) -> Any:
-    return driver_of_agent(path, 27, lambda: permit_all)
+    return driver_of_agent(path, (27,), False, lambda: permit_all)
 
 
 @pytest.fixture(scope="module")
@@ -256,9 +258,62 @@ def test_an_agent_of_the_wide_observation_is_told_to_drive_with_it(tmp_path: Pat
     env = HighwayEnv(observation="wide")
     PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
     with pytest.raises(
-        CheckpointError, match=r'shape \(132,\) .*: drive with observation="wide", as'
+        CheckpointError, match=r"shape \(132,\) .*: drive with --observation wide \(observation=\), as"
     ):
         loaded(tmp_path / "a.zip")
+
+
+class Gaps:
+    """Three gaps: no indicator of a usual observation stands at its usual place."""
+
+    space = gymnasium.spaces.Box(-250.0, 250.0, (3,), np.float32)
+
+    def __call__(self, scene: Scene) -> Any:
+        return scene.affordances.vector()[:9:4].astype(np.float32) - 200.0
+
+
+class Named(Gaps):
+    """The same as a dictionary."""
+
+    space = gymnasium.spaces.Dict({"gaps": Gaps.space})
+
+    def __call__(self, scene: Scene) -> Any:
+        return {"gaps": super().__call__(scene)}
+
+
+@pytest.mark.parametrize(
+    "observation", [Gaps(), Named(), ("ego", "own_front", "own_rear"), "wide"], ids=range(4)
+)
+def test_an_agent_of_any_observation_drives_with_it(observation: Any, tmp_path: Path) -> None:
+    env = HighwayEnv(config=SHORT, observation=observation)
+    policy = "MultiInputPolicy" if isinstance(observation, Named) else "MlpPolicy"
+    model = PPO(policy, env, device="cpu", n_steps=16, batch_size=8, n_epochs=1, seed=1)
+    model.learn(16)
+    model.save(tmp_path / "a.zip")
+    drives = {"config": SHORT, "vehicles": 5, "safety_check": "permit_all", "jobs": 1}
+    found = drl_av.evaluate(tmp_path / "a.zip", observation=observation, **drives)
+    seen, _ = env.reset(seed=found[0].seed, options={"vehicles": 5})
+    rewards, over = [], False
+    while not over:
+        seen, reward, terminated, truncated, _ = env.step(
+            int(model.predict(seen, deterministic=True)[0])
+        )
+        rewards.append(reward)
+        over = terminated or truncated
+    env.close()
+    assert found[0].mean_reward == pytest.approx(np.mean(rewards), rel=1e-12)
+
+
+def test_an_agent_of_another_observation_is_told_to_name_its_own(tmp_path: Path) -> None:
+    with HighwayEnv(config=SHORT, observation=("ego", "own_front")) as env:
+        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
+    with pytest.raises(CheckpointError, match=r"name the observation of its training \(--observ"):
+        loaded(tmp_path / "a.zip")
+    way = SHORT.updated("observation", way=True)
+    with HighwayEnv(config=way) as env:
+        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "b.zip")
+    with pytest.raises(CheckpointError, match=r"set observation\.way as in its training"):
+        loaded(tmp_path / "b.zip")
 
 
 def test_stacked_frames_have_a_remedy_that_helps(tmp_path: Path) -> None:
