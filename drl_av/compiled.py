@@ -21,7 +21,6 @@ from drl_av.errors import DrlAvError
 
 P = ParamSpec("P")
 R = TypeVar("R")
-N = TypeVar("N", bound=tuple[Any, ...])
 NUMBERS = frozenset((float, int, bool, None))
 NOTICE = (
     "drl-av compiles functions that are used for the first time on this machine, for a minute "
@@ -115,20 +114,6 @@ def _plain(function: Callable[P, R]) -> Compiled[P, R]:
     returned = function.__annotations__["return"]
     counts = not NUMBERS.issuperset(get_args(returned) or (returned,))
     return Compiled(function, counts, is_inlined=True)
-
-
-def numbers(kind: type[N], *settings: Any, **further: Any) -> N:
-    """Return a named tuple of the type ``kind``, with the settings of the same names.
-
-    ``settings`` are sections of a config; ``further`` gives values that no section has.
-    """
-    types: dict[str, Callable[[Any], Any]] = kind.__annotations__
-    found = {
-        name: next(getattr(section, name) for section in settings if hasattr(section, name))
-        for name in types
-        if name not in further
-    }
-    return kind(**{name: types[name](value) for name, value in (found | further).items()})
 
 
 def squared(x: float) -> float:

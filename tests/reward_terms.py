@@ -3,11 +3,9 @@
 import math
 from typing import NamedTuple
 
-from drl_av.compiled import numbers
 from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances, Indicators
-from drl_av.env.reward import Rewards, desired_values, reward_numbers, terms
-from drl_av.safety.paper import SafetyNumbers
+from drl_av.env.reward import Rewards, desired_values, terms
 
 
 class Desired(NamedTuple):
@@ -18,7 +16,7 @@ class Desired(NamedTuple):
 
 
 def desired(seen: Indicators, config: RewardConfig, safety: SafetyConfig) -> Desired:
-    given = reward_numbers(config), numbers(SafetyNumbers, safety)
+    given = config.numbers, safety.numbers
     return Desired(*desired_values(seen.values, seen.codes, seen.ground[1], *given))
 
 

@@ -5,14 +5,12 @@ Inputs damaged at random are in ``verification.fuzz``; these are the worst by na
 
 import contextlib
 import io
-import json
 import pickle
 import shutil
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -53,15 +51,6 @@ def test_an_absurd_config_file_is_refused_in_one_sentence(text: bytes, tmp_path:
     path = tmp_path / "mine.toml"
     path.write_bytes(text)
     with pytest.raises(ConfigError) as error:
-        load_config(path)
-    sentence(error.value, str(path))
-
-
-def test_a_config_file_of_three_gigabytes_is_refused_at_once(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    with path.open("wb") as file:
-        file.truncate(3_000_000_000)
-    with pytest.raises(ConfigError, match="more than 1000000 characters") as error:
         load_config(path)
     sentence(error.value, str(path))
 
@@ -142,31 +131,6 @@ def to_spoil(env: HighwayEnv, runs: list[Path]) -> Iterator[Run]:
     finally:
         for file, data in files.items():
             file.write_bytes(data)
-
-
-@pytest.mark.parametrize(
-    ("name", "place", "value", "message"),
-    [
-        ("learner.online", 0, np.nan, "'online' holds numbers that are not finite"),
-        ("learner.second_moment", 7, np.inf, "'second_moment' holds numbers that are not finite"),
-        ("buffer.safe.rows", (0, 3), np.nan, "rows that are no transitions"),
-        ("buffer.safe.rows", (0, -3), 12, "rows that are no transitions"),
-        ("buffer.safe.rows", (0, -3), 1.5, "rows that are no transitions"),
-        ("buffer.safe.rows", (0, -3), -1, "rows that are no transitions"),
-        ("buffer.safe.rows", (0, -1), 1.01, "rows that are no transitions"),
-    ],
-)
-def test_a_checkpoint_with_one_impossible_number_is_refused(
-    name: str, place: Any, value: float, message: str, env: HighwayEnv, runs: list[Path]
-) -> None:
-    with to_spoil(env, runs) as run:
-        tensors, numbers = load(run.checkpoint_file)
-        tensors[name] = tensors[name].copy()
-        tensors[name][place] = value
-        save(run.checkpoint_file, tensors, numbers)
-        with pytest.raises(CheckpointError, match=message) as error:
-            run.restore(build_training(env))
-        sentence(error.value)
 
 
 @pytest.mark.parametrize(
@@ -268,29 +232,3 @@ def test_a_small_policy_file_that_asks_for_huge_networks_gets_none(tmp_path: Pat
     sentence(e.value, str(path))
     assert tracemalloc.get_traced_memory()[1] < 5_000_000
     tracemalloc.stop()
-
-
-def test_a_sparse_checkpoint_is_refused_unread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "checkpoint.safetensors"
-    save(path, {"a": np.zeros(3, np.float32)}, {"kind": "training"})
-    load(path)
-    data = path.read_bytes()
-    size = int.from_bytes(data[:8], "little")
-    header = json.loads(data[8 : 8 + size])
-    header["a"] = {"dtype": "U8", "shape": [10**11], "data_offsets": [0, 10**11]}
-    text = json.dumps(header).encode()
-    with path.open("wb") as file:
-        file.write(len(text).to_bytes(8, "little") + text)
-        file.truncate(8 + len(text) + 10**11)
-    monkeypatch.setattr(Path, "read_bytes", lambda path: pytest.fail("it was read"))
-    monkeypatch.setattr("drl_av.drivers.policy_file._memory_bytes", lambda: 10**11)
-    with pytest.raises(CheckpointError, match=r"93\.1 GiB, which is more than half of this") as e:
-        load(path)
-    sentence(e.value, str(path))
-    with path.open("r+b") as file:
-        file.truncate(10**10)
-    with pytest.raises(CheckpointError, match="size is not that of its contents") as e:
-        load(path)
-    sentence(e.value, str(path))

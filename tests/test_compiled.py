@@ -1,17 +1,16 @@
 """Compiled functions: announced once, cached anywhere, renewed if needed, plain on demand."""
 
 import hashlib
+import pickle
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
-import pytest
 from programs import python
 
-from drl_av.compiled import NOTICE, compiled, numbers, squared
+from drl_av.compiled import NOTICE, compiled, squared
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.safety.paper import SafetyNumbers
 
 LANE = "from drl_av.road.compiled_road import lane_of; print(lane_of(4.0, 3.8))"
 INNER = "from drl_av.compiled import compiled\n\n@compiled\ndef inner(x):\n    return x + {}\n"
@@ -138,9 +137,9 @@ def test_a_square_is_that_of_python_to_the_last_bit() -> None:
 
 def test_settings_become_numbers_by_their_names() -> None:
     safety = Config().updated("safety", minimum_gap_m=7, printed_idm=True).safety
-    found = numbers(SafetyNumbers, safety, brake_ttc_s=9)
+    found = safety.numbers
     assert found.minimum_gap_m == 7.0
     assert found.printed_idm is True
-    assert found.brake_ttc_s == 9.0
-    with pytest.raises(StopIteration):
-        numbers(SafetyNumbers, Config().ego)
+    assert not hasattr(found, "check")
+    assert pickle.loads(pickle.dumps(found)) == found
+    assert Config().reward.numbers.desired_is_fixed is False

@@ -9,9 +9,8 @@ import pytest
 from oracles import affordances, finite_state, paper, plan, reward, rules, strict
 from worlds import seen_from
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import compiled
 from drl_av.config import Config
-from drl_av.drivers.background.finite_state import FiniteStateNumbers
 from drl_av.drivers.background.finite_state import finite_state as decide
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.rule_based import GapMobilDriver, IdmDriver, MobilDriver
@@ -26,7 +25,7 @@ from drl_av.driving.affordances import (
 )
 from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.reward import Rewards, reward_numbers, reward_terms
+from drl_av.env.reward import Rewards, reward_terms
 from drl_av.road.compiled_road import (
     holds,
     is_beside,
@@ -34,13 +33,12 @@ from drl_av.road.compiled_road import (
     lane_end_m,
     lane_of,
     mandatory_change,
-    misses_exit,
     road_numbers,
 )
 from drl_av.road.road import PartialLane, Road
 from drl_av.road.snapshot import Collision, Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT, displacements, rectangles_of, swept_collision
-from drl_av.safety.paper import Paper, SafetyNumbers
+from drl_av.safety.paper import Paper
 from drl_av.safety.strict import Strict
 
 SCENES = 1_500
@@ -136,7 +134,7 @@ def test_plan(plant: str) -> None:
     for world, _, config in scenes(4):
         if plant == "steering" and world.lane_change is not None:
             turned = world.lane_change._replace(heading_rad=float(rng.uniform(-0.1, 0.1)))
-            world = world._replace(lane_change=turned)
+            world = replace(world, lane_change=turned)
         ego, action = replace(config.ego, lateral_plant=plant), ACTIONS[rng.integers(12)]
         found = maneuver.plan(world, action, ego, config.simulation)
         assert repr(found) == repr(plan.plan(world, action, ego, config.simulation))
@@ -159,7 +157,7 @@ def test_reward() -> None:
         target = reward.desired(world.affordances, config.reward, config.safety)
         gap_m = config.safety.minimum_gap_m
         expected = reward.rewards(world.affordances, target, config.reward, gap_m)
-        settings = reward_numbers(config.reward), numbers(SafetyNumbers, config.safety)
+        settings = config.reward.numbers, config.safety.numbers
         values, codes, *_ = world.indicators
         terms = reward_terms(values, codes, road.lane_width_m, *settings)
         assert Rewards(*terms) == expected
@@ -178,7 +176,7 @@ def test_the_finite_state_machine_of_any_vehicle() -> None:
             shot = seen_from(world.snapshot, int(row))
             values, codes, *_ = compute_indicators(shot, road, 250.0)
             expected = states[0], decisions.acceleration_m_s2[0], decisions.side[0]
-            given = numbers(FiniteStateNumbers, settings)
+            given = settings.numbers
             found = decides(values, codes, road.lane_width_m, state, desired_m_s, given)
             assert found == expected
 
@@ -232,7 +230,6 @@ def test_roads() -> None:
             assert is_beside(lane, aside, at_m, numbered) == road.is_beside(lane, aside, at_m)
             assert lane_end_m(lane, at_m, numbered) == road.lane_end_m(lane, at_m)
             assert holds(y_m, width_m, at_m, numbered) == road.holds(y_m, width_m, at_m)
-            assert misses_exit(lane, at_m, numbered) == road.misses_exit(lane, at_m)
             if road.is_open_at(lane, at_m):
                 found = mandatory_change(lane, at_m, numbered)
                 assert found == road.mandatory_change(lane, at_m)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, ego_numbers
 from drl_av.driving.affordances import compute_indicators
@@ -25,7 +25,6 @@ from drl_av.road.sweep import KINDS, swept_collision
 from drl_av.safety.check import SafetyCheck
 from drl_av.safety.reachability import (
     STILL_M_S,
-    StrictNumbers,
     cut_in_gap,
     lanes_under,
     lateral_extent,
@@ -333,7 +332,7 @@ class BatchStrict:
     """The check ``strict`` as a BatchCheck: a function of a World of many scenes."""
 
     def __init__(self, config: Config) -> None:
-        self._strict = numbers(StrictNumbers, config.strict)
+        self._strict = config.strict.numbers
         self._ego = ego_numbers(config.ego, config.simulation)
 
     def __call__(self, world: World, proposal: IntArray) -> IntArray:

@@ -6,11 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.compiled import compiled
+from drl_av.config import StrictConfig
 from drl_av.driving.actions import EgoNumbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES, IntArray, indicators
 from drl_av.driving.maneuver import plan_into
 from drl_av.road.road import FloatArray
-from drl_av.safety.reachability import StrictNumbers
 from drl_av.safety.strict import fallback_is_free, strict_verdicts
 
 BoolArray = npt.NDArray[np.bool_]
@@ -46,7 +46,7 @@ def plan_all(
 @compiled
 def judge(
     world: tuple[Any, ...],
-    strict: StrictNumbers,
+    strict: StrictConfig,
     ego: EgoNumbers,
     proposal: IntArray,
     executed: IntArray,

@@ -27,7 +27,7 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.drivers.masked_policy import is_actor, load_actor
     from drl_av.drivers.onnx import OUTPUTS, inputs_of
     from drl_av.drivers.onnx import export as write
-    from drl_av.drivers.onnx_graph import export_actor
+    from drl_av.drivers.onnx_graph import ACTOR_INPUTS, ACTOR_OUTPUTS, export_actor
     from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run
     from drl_av.drivers.registry import driver_names
     from drl_av.driving.observation_scale import ObservationScale
@@ -54,16 +54,14 @@ def export(options: argparse.Namespace) -> int:
                 f"{options.run} takes the permitted actions as an input: export it without "
                 "--safety-check."
             )
-        for name, meaning in export_actor(options.out, *load_actor(file)).items():
-            print(f"{options.out}: {name}, {meaning}")
-        return 0
-    network, config = load_run(run)
-    road = load_scenario(find_scenario(config.simulation.scenario)).road
-    scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-    write(options.out, network, config, scale, road.lane_width_m if check else None)
-    for kind, ports in (("input", inputs_of(check is not None)), ("output", OUTPUTS)):
-        for port in ports:
-            shape = ", ".join(map(str, port.shape))
-            print(f"{options.out}: {kind} {port.name}, {port.dtype} ({shape})")
-    print("What they mean: drl-av export --help, or the descriptions in the file.")
+        export_actor(options.out, *load_actor(file))
+        ports = {"input": ACTOR_INPUTS, "output": ACTOR_OUTPUTS}
+    else:
+        network, config = load_run(run)
+        road = load_scenario(find_scenario(config.simulation.scenario)).road
+        scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
+        write(options.out, network, config, scale, road.lane_width_m if check else None)
+        ports = {"input": inputs_of(check is not None), "output": OUTPUTS}
+    for kind, port in ((kind, port) for kind, of_kind in ports.items() for port in of_kind):
+        print(f"{options.out}: {kind} {port}, {port.meaning}")
     return 0

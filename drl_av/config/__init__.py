@@ -239,17 +239,13 @@ def _in(name: str, sections: Mapping[str, Any], base: Config | None) -> Config:
         raise ConfigError(str(error) if name in str(error) else f"In {name}: {error}") from error
 
 
-MOST_CHARACTERS = 1_000_000
-"""The largest number of characters of a config file; a longer file is an error."""
-
-
 def load_config(path: str | Path | None, base: Config | None = None) -> Config:
     """Return a copy of ``base`` with the settings of a TOML file, or ``base`` if ``path`` is None.
 
     The default of ``base`` is the paper's config.
 
     Raises:
-        ConfigError: the file cannot be read, is too large or not valid TOML, a section or key is
+        ConfigError: the file cannot be read or is not valid TOML, a section or key is
             unknown, or a value has a wrong type or is out of bounds; the message contains the path.
     """
     if path is None:
@@ -258,10 +254,9 @@ def load_config(path: str | Path | None, base: Config | None = None) -> Config:
 
 
 def _text(path: str | Path) -> str:
-    """Return the text of a TOML file; raise ConfigError if it cannot be read or is too large."""
+    """Return the text of a TOML file; raise ConfigError if it cannot be read."""
     try:
-        with Path(path).open(encoding="utf-8-sig") as file:
-            text = file.read(MOST_CHARACTERS + 1)
+        return Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"The config file {path} is not UTF-8 text (byte {error.start}), but TOML is: save it "
@@ -272,9 +267,3 @@ def _text(path: str | Path) -> str:
         raise ConfigError(
             f"The config file {path} cannot be read ({reason}): name a TOML file that exists."
         ) from error
-    if len(text) > MOST_CHARACTERS:
-        raise ConfigError(
-            f"The config file {path} has more than {MOST_CHARACTERS} characters: name a TOML file "
-            "of settings."
-        )
-    return text

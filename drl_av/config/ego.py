@@ -120,3 +120,13 @@ class RewardConfig(Section):
     catch_up_time_s: float = setting(8.0, low=1, high=60)
     worthwhile_gain_m_s: float = setting(3.0, low=0, high=30)
     speed_tolerance_m_s: float = setting(1.0, low=0, high=10)
+
+    @property
+    def desired_is_fixed(self) -> bool:
+        """Whether ``desired`` is a fixed speed and lane."""
+        return self.desired == "fixed"
+
+    @property
+    def desired_is_best_lane(self) -> bool:
+        """Whether the speed that ``desired`` means is that of the best lane."""
+        return self.desired == "best-lane"

@@ -5,11 +5,11 @@ import inspect
 import math
 import re
 import sys
-from collections import defaultdict
+from collections import defaultdict, namedtuple
 from collections.abc import Iterable
 from dataclasses import field, fields
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self, cast
 
 from drl_av.errors import ConfigError
 
@@ -103,6 +103,25 @@ class Section:
     Raises:
         ConfigError: a value has a wrong type, is out of bounds, or is not one of the choices.
     """
+
+    _Numbers: ClassVar[Any]
+
+    def __init_subclass__(cls) -> None:
+        """Define the class of ``numbers``, by a name by which it can be pickled."""
+        kinds = cls.__annotations__ | {
+            name: value.fget.__annotations__["return"]
+            for name, value in vars(cls).items()
+            if isinstance(value, property)
+        }
+        names = [name for name, kind in kinds.items() if kind in (float, int, bool)]
+        cls._Numbers = namedtuple("_Numbers", names, module=cls.__module__)  # type: ignore[misc]
+        cls._Numbers.__qualname__ = f"{cls.__qualname__}._Numbers"
+
+    @property
+    def numbers(self) -> Self:
+        """The settings and properties that are numbers: compiled functions take them for these."""
+        kind = self._Numbers
+        return cast(Self, kind._make(getattr(self, name) for name in kind._fields))
 
     def __post_init__(self) -> None:
         for item in fields(self):  # type: ignore[arg-type]

@@ -29,24 +29,21 @@ def driver_of_factory(word: str, config: Config) -> Driver:
     factory = import_function(word, "driver")
     require_function(factory, f"The factory {word!r}", "config")
     driver: Driver = factory(config)
-    if not is_driver(driver):
-        raise ConfigError(
-            f"The factory {word!r} returned {driver!r}, which is no driver: return an "
-            "object with start(seed) and act(scene, observation)."
-        )
-    require_methods(driver, word)
+    require_driver(driver, f"The driver of the factory {word!r}", word)
     return driver
 
 
-def is_driver(made: object) -> bool:
-    """Return whether an object has the methods ``start`` and ``act``; False for a class."""
-    if isinstance(made, type):
-        return False
-    return callable(getattr(made, "start", None)) and callable(getattr(made, "act", None))
+def require_driver(driver: Driver, what: str, name: str) -> None:
+    """Raise ConfigError unless an object has the methods ``start`` and ``act`` of ``Driver``.
 
-
-def require_methods(driver: Driver, name: str) -> None:
-    """Raise ConfigError unless ``start`` and ``act`` take the arguments that ``Driver`` defines."""
+    ``what`` is the object in the error message, ``name`` is the driver's name there.
+    """
+    methods = getattr(driver, "start", None), getattr(driver, "act", None)
+    if isinstance(driver, type) or not all(map(callable, methods)):
+        raise ConfigError(
+            f"{what} is a {type(driver).__name__}, but must be an object with start(seed) and "
+            "act(scene, observation): a class or a function has to be called."
+        )
     require_function(driver.start, f"The method start of the driver {name!r}", "seed")
     require_function(driver.act, f"The method act of the driver {name!r}", "scene", "observation")
 

@@ -1,7 +1,6 @@
 """The driver that was trained at scale: the most probable permitted action, in numpy (ours)."""
 
 import warnings
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +9,11 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Layers, forward
-from drl_av.drivers.policy_file import config_of, load
+from drl_av.drivers.policy_file import load, load_layers
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE, observe_wide
-from drl_av.errors import CheckpointError, DrlAvWarning, RunError
+from drl_av.errors import DrlAvWarning, RunError
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
@@ -107,24 +106,13 @@ def load_actor(path: Path) -> tuple[Layers, Config]:
     """Read the layers and the config of a policy file of a training at scale.
 
     Raises:
-        CheckpointError: the file is missing or damaged or holds another kind of policy, or its
-            weights do not fit its config or are not finite numbers.
+        CheckpointError: as ``load_layers``.
     """
-    tensors, metadata = load(path)
-    config = config_of(path, metadata)
-    sizes = INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)
-    shapes: dict[str, tuple[int, ...]] = {}
-    for number, (inputs, outputs) in enumerate(pairwise(sizes)):
-        shapes[f"layers.{number}.weight"] = (outputs, inputs)
-        shapes[f"layers.{number}.bias"] = (outputs,)
-    found = {name: tensor.shape for name, tensor in tensors.items()}
-    if found != shapes or not all(np.isfinite(tensor).all() for tensor in tensors.values()):
-        raise CheckpointError(
-            f"{path} does not fit a network of {' -> '.join(map(str, sizes))}: take a policy that "
-            "drl-av train --preset large has written."
-        )
-    count = range(len(sizes) - 1)
-    return [(tensors[f"layers.{n}.weight"], tensors[f"layers.{n}.bias"]) for n in count], config
+    return load_layers(
+        path,
+        KIND,
+        lambda config: (INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)),
+    )
 
 
 def is_actor(path: Path) -> bool:

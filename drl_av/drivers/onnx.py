@@ -8,39 +8,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.network import LEAK, QNetwork
-from drl_av.drivers.onnx_graph import Graph, checked_by_paper
+from drl_av.drivers.network import QNetwork
+from drl_av.drivers.onnx_graph import Graph, Port, checked_by_paper
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.mirror import MIRROR
 from drl_av.driving.observation_scale import ObservationScale, indicator_meaning
 from drl_av.driving.scene import Scene
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, needed_by
-from drl_av.files import write_atomic
-
-
-class Port(NamedTuple):
-    """An input or output of an exported driver."""
-
-    name: str
-    dtype: str
-    """The numpy name of the element type."""
-    columns: int | None
-    """The shape is (rows, columns), or (rows,) if ``columns`` is None. Each row is one scene."""
-    meaning: str
-
-    @property
-    def shape(self) -> list[str | int]:
-        """The shape; a dimension of any size is given by its name."""
-        return ["rows"] if self.columns is None else ["rows", self.columns]
-
 
 _STATES = "d_x, v_x, d_y, v_y"
 INPUTS = (
@@ -86,7 +68,7 @@ def inputs_of(is_checked: bool) -> Sequence[Port]:
 def described() -> str:
     """Return one paragraph on the inputs, the outputs and the content of an exported driver."""
     ports = [
-        f"{kind} {port.name}, {port.dtype} ({', '.join(map(str, port.shape))}): {port.meaning}."
+        f"{kind} {port}: {port.meaning}."
         for kind, of_kind in (("Input", INPUTS), ("Output", OUTPUTS))
         for port in of_kind
     ]
@@ -106,9 +88,6 @@ def metadata(config: Config) -> dict[str, str]:
         "indicators": json.dumps(indicators),
         "actions": json.dumps([str(action) for action in ACTIONS]),
     }
-
-
-OPSET = 17
 
 
 def export(
@@ -133,8 +112,6 @@ def export(
             "A driver that was trained with observation.way cannot be exported, because the file "
             "has no inputs for its way: train one without, or drive it with drl-av."
         )
-    with needed_by("The export", "onnx", "'drl-av[onnx]'"):
-        import onnx
     graph = Graph()
     s = _scaled(graph, scale)
     values = _values(graph, network, s, config.learning.mirrored)
@@ -145,33 +122,8 @@ def export(
         inside = inside.replace("It has no safety check", "The action has passed the check paper")
         given = proposed, INDICATORS_INPUT, LANE_CHANGE_INPUT
         checked_by_paper(graph, *given, config, lane_width_m)
-    ports = inputs_of(is_checked=lane_width_m is not None), OUTPUTS
-    helper, inputs, outputs = onnx.helper, *map(_described, ports)
-    made = helper.make_graph(
-        graph.nodes, "drl_av_driver", inputs, outputs, graph.constants, doc_string=inside
-    )
-    model = helper.make_model(made, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=8)
-    model.producer_name = "drl-av"
-    model.doc_string = inside
-    for key, value in metadata(config).items():
-        model.metadata_props.add(key=key, value=value)
-    onnx.checker.check_model(model, full_check=True)
-    write_atomic(path, model.SerializeToString())
-
-
-def _described(ports: Sequence[Port]) -> list[Any]:
-    """Return the inputs or outputs as ONNX objects with types, shapes and meanings."""
-    from onnx import helper
-
-    return [
-        helper.make_tensor_value_info(
-            port.name,
-            helper.np_dtype_to_tensor_dtype(np.dtype(port.dtype)),
-            port.shape,
-            doc_string=port.meaning,
-        )
-        for port in ports
-    ]
+    inputs = inputs_of(is_checked=lane_width_m is not None)
+    graph.write(path, inputs, OUTPUTS, metadata(config), inside)
 
 
 def _scaled(graph: Graph, scale: ObservationScale) -> str:
@@ -185,23 +137,15 @@ def _scaled(graph: Graph, scale: ObservationScale) -> str:
 
 def _values(graph: Graph, network: QNetwork, s: str, mirrored: bool) -> str:
     """Add nodes that compute Q(s, .), or its mean over both mirror images; return their output."""
-    layers = [tuple(map(graph.constant, layer)) for layer in network.layers]
-    q = _forward(graph, layers, s)
+    layers = [(graph.constant(weight), graph.constant(bias)) for weight, bias in network.layers]
+    q = graph.forward(layers, s)
     if not mirrored:
         return q
     reflected = graph.add("Gather", s, graph.constant(MIRROR.observation_permutation), axis=1)
     reflected = graph.add("Mul", reflected, graph.constant(MIRROR.observation_sign))
-    other = _forward(graph, layers, reflected)
+    other = graph.forward(layers, reflected)
     other = graph.add("Gather", other, graph.constant(MIRROR.action_permutation), axis=1)
     return graph.add("Mul", graph.add("Add", q, other), graph.constant(np.float32(0.5)))
-
-
-def _forward(graph: Graph, layers: Sequence[tuple[str, ...]], s: str) -> str:
-    for number, (weight, bias) in enumerate(layers):
-        s = graph.add("Gemm", s, weight, bias, transB=1)
-        if number < len(layers) - 1:
-            s = graph.add("LeakyRelu", s, alpha=LEAK)
-    return s
 
 
 LONGEST_RUN_S = 10.0

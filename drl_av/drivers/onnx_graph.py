@@ -1,8 +1,9 @@
 """Builds ONNX graphs: of the check ``paper``, and of a driver trained at scale (ours)."""
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,11 +25,34 @@ from drl_av.errors import ConfigError, needed_by
 from drl_av.files import write_atomic
 
 
+class Port(NamedTuple):
+    """An input or output of an exported driver."""
+
+    name: str
+    dtype: str
+    """The numpy name of the element type."""
+    columns: int | None
+    """The shape is (rows, columns), or (rows,) if ``columns`` is None. Each row is one scene."""
+    meaning: str
+
+    @property
+    def shape(self) -> list[str | int]:
+        """The shape; a dimension of any size is given by its name."""
+        return ["rows"] if self.columns is None else ["rows", self.columns]
+
+    def __str__(self) -> str:
+        return f"{self.name}, {self.dtype} ({', '.join(map(str, self.shape))})"
+
+
+OPSET = 17
+
+
 class Graph:
     """Collects the nodes and constants of an ONNX graph, and generates their names."""
 
     def __init__(self) -> None:
-        import onnx
+        with needed_by("The export", "onnx", "'drl-av[onnx]'"):
+            import onnx
 
         self._onnx = onnx
         self.nodes: list[Any] = []
@@ -49,6 +73,49 @@ class Graph:
         given = [each if isinstance(each, str) else self.constant(each) for each in inputs]
         self.nodes.append(self._onnx.helper.make_node(kind, given, [output], **attributes))
         return output
+
+    def forward(self, layers: Sequence[tuple[object, object]], s: str) -> str:
+        """Add a network whose layers are pairs (weight, bias); return the name of its output."""
+        for number, layer in enumerate(layers):
+            s = self.add("LeakyRelu", s, alpha=LEAK) if number else s
+            s = self.add("Gemm", s, *layer, transB=1)
+        return s
+
+    def write(
+        self,
+        path: Path,
+        inputs: Sequence[Port],
+        outputs: Sequence[Port],
+        metadata: Mapping[str, str],
+        inside: str = "",
+    ) -> None:
+        """Write the graph to an ONNX file; ``inside`` describes it.
+
+        Raises:
+            DrlAvError: the file cannot be written.
+        """
+        helper = self._onnx.helper
+        ports = (
+            [
+                helper.make_tensor_value_info(
+                    port.name,
+                    helper.np_dtype_to_tensor_dtype(np.dtype(port.dtype)),
+                    port.shape,
+                    doc_string=port.meaning,
+                )
+                for port in some
+            ]
+            for some in (inputs, outputs)
+        )
+        made = helper.make_graph(
+            self.nodes, "drl_av_driver", *ports, self.constants, doc_string=inside
+        )
+        opset = helper.make_opsetid("", OPSET)
+        model = helper.make_model(made, opset_imports=[opset], ir_version=8, doc_string=inside)
+        model.producer_name = "drl-av"
+        helper.set_model_props(model, dict(metadata))
+        self._onnx.checker.check_model(model, full_check=True)
+        write_atomic(path, model.SerializeToString())
 
 
 FRONTS, REARS = np.array([0, 16, 8]), np.array([4, 20, 12])
@@ -128,75 +195,39 @@ def checked_by_paper(
     return add("Add", add("Mul", across, np.int64(4)), along, name="action")
 
 
-OPSET = 17
 FAR = 2048.0
 """Larger than any difference of logits; subtracted from those of the actions that are refused."""
-PORTS = {
-    "observation": "float32 (rows, {}), the wide observation: HighwayEnv(observation='wide')",
-    "action_mask": "bool (rows, 12), which actions the safety check permits: env.action_masks()",
-    "action": "int64 (rows), number of the permitted action with the largest logit",
-    "logits": "float32 (rows, 12), the logits of all actions, without the mask",
-}
-"""The inputs and outputs of such a file; each row is one scene."""
+WIDE, MASK = "the wide observation: HighwayEnv(observation='wide')", "env.action_masks()"
+ACTOR_INPUTS: Sequence[Port] = (
+    Port("observation", "float32", len(WIDE_NAMES), WIDE),
+    Port("action_mask", "bool", len(ACTIONS), f"which actions the safety check permits: {MASK}"),
+)
+ACTOR_OUTPUTS: Sequence[Port] = (
+    Port("action", "int64", None, "number of the permitted action with the largest logit"),
+    Port("logits", "float32", len(ACTIONS), "the logits of all actions, without the mask"),
+)
 
 
-def export_actor(path: Path, layers: Layers, config: Config) -> dict[str, str]:
-    """Write the driver to an ONNX file, with the package onnx; return its inputs and outputs.
+def export_actor(path: Path, layers: Layers, config: Config) -> None:
+    """Write the driver to an ONNX file, with the package onnx.
 
-    The metadata of the file holds the config, and the names of the observation's numbers and of the
-    actions. If no action of a row is permitted, the action is that with the largest logit.
+    ``ACTOR_INPUTS`` and ``ACTOR_OUTPUTS`` describe the file. Its metadata hold the config, and the
+    names of the observation's numbers and of the actions. If no action of a row is permitted, the
+    action is that with the largest logit.
 
     Raises:
         DrlAvError: onnx is not installed, or the file cannot be written.
     """
-    with needed_by("The export", "onnx", "'drl-av[onnx]'"):
-        from onnx import TensorProto, checker, helper, numpy_helper
-    constants = {"far": np.array(FAR, np.float32)}
-    make = helper.make_node
-    nodes = [
-        make("Cast", ["action_mask"], ["mask"], to=TensorProto.FLOAT),
-        make("Concat", ["observation", "mask"], ["layer_0"], axis=1),
-    ]
-    for number, (weight, bias) in enumerate(layers):
-        constants |= {f"weight_{number}": weight, f"bias_{number}": bias}
-        is_last = number == len(layers) - 1
-        made = "logits" if is_last else f"sum_{number}"
-        given = [f"layer_{number}", f"weight_{number}", f"bias_{number}"]
-        nodes.append(make("Gemm", given, [made], transB=1))
-        if not is_last:
-            nodes.append(make("LeakyRelu", [made], [f"layer_{number + 1}"], alpha=LEAK))
-    nodes += [
-        make("Sub", ["logits", "far"], ["refused"]),
-        make("Where", ["action_mask", "logits", "refused"], ["ranked"]),
-        make("ArgMax", ["ranked"], ["action"], axis=1, keepdims=0),
-    ]
-    meanings = {name: text.format(len(WIDE_NAMES)) for name, text in PORTS.items()}
-    sizes: dict[str, tuple[int, list[str | int]]] = {
-        "observation": (TensorProto.FLOAT, ["rows", len(WIDE_NAMES)]),
-        "action_mask": (TensorProto.BOOL, ["rows", len(ACTIONS)]),
-        "action": (TensorProto.INT64, ["rows"]),
-        "logits": (TensorProto.FLOAT, ["rows", len(ACTIONS)]),
-    }
-    ports = [
-        helper.make_tensor_value_info(name, *sizes[name], doc_string=meanings[name])
-        for name in PORTS
-    ]
-    graph = helper.make_graph(
-        nodes,
-        "drl_av_actor",
-        ports[:2],
-        ports[2:],
-        [numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=8)
-    model.producer_name = "drl-av"
+    graph = Graph()
+    mask = graph.add("Cast", "action_mask", to=1)
+    seen = graph.add("Concat", "observation", mask, axis=1)
+    logits = graph.add("Identity", graph.forward(layers, seen), name="logits")
+    refused = graph.add("Sub", logits, np.float32(FAR))
+    ranked = graph.add("Where", "action_mask", logits, refused)
+    graph.add("ArgMax", ranked, name="action", axis=1, keepdims=0)
     held = {
         "config": config.to_toml(),
         "observation": json.dumps(WIDE_NAMES),
         "actions": json.dumps([str(action) for action in ACTIONS]),
     }
-    for key, value in held.items():
-        model.metadata_props.add(key=key, value=value)
-    checker.check_model(model, full_check=True)
-    write_atomic(path, model.SerializeToString())
-    return meanings
+    graph.write(path, ACTOR_INPUTS, ACTOR_OUTPUTS, held)

@@ -2,17 +2,17 @@
 
 import hashlib
 import json
-import os
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import safetensors.numpy
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 
 from drl_av.config import Config, from_toml, load_config
-from drl_av.drivers.network import QNetwork
+from drl_av.drivers.network import Layers, QNetwork
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
@@ -40,10 +40,9 @@ OTHER_FILES = {
     ".toml": ("a file of settings", "pass it as config, or after --config"),
 }
 """What a file other than a policy file holds, and how to use it, by suffix."""
-MAX_HEADER = 10_000_000
-"""The largest size, bytes, of the part of a file that describes its arrays."""
 LARGEST_WEIGHT = 1e6
 """The largest absolute value of a weight; the values of actions overflow with much larger ones."""
+FLOAT32 = np.dtype(np.float32)
 _DAMAGE = (SafetensorError, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 """The errors that a damaged file, or a file of another program, can cause."""
 
@@ -61,85 +60,40 @@ def checksum(tensors: State, text: str) -> str:
     return digest.hexdigest()
 
 
-Shapes = dict[str, tuple[str | int, ...]]
-"""The safetensors name of the type, such as F32, and the shape of each array, by its name."""
-
-
 def load(path: Path) -> tuple[State, dict[str, Any]]:
     """Read a policy or checkpoint file; return its arrays by name and its metadata.
 
     Raises:
-        CheckpointError: the file does not exist, is unreadable, incomplete, damaged or larger than
-            half of this machine's memory, or is not a file of this package.
+        CheckpointError: the file is missing, incomplete or damaged (its checksum is wrong), has
+            another format, or holds no arrays at all.
     """
-    header, _ = _header(path)
     try:
-        stored = json.loads(header)
+        with safe_open(path, "numpy") as file:
+            header = (file.metadata() or {}).get(FORMAT)
+            tensors: State = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        stored = json.loads(header or '{"metadata": "{}", "sha256": ""}')
         text, expected = str(stored["metadata"]), stored["sha256"]
-        metadata: dict[str, Any] = dict(json.loads(text or "{}"))
-        tensors = safetensors.numpy.load(path.read_bytes())
-    except (*_DAMAGE, OSError) as error:
-        raise _damaged(path, error) from error
+        metadata = dict(json.loads(text))
+    except OSError as error:
+        raise CheckpointError(
+            f"The checkpoint {path} cannot be read ({error.strerror or error}): check the path."
+        ) from error
+    except _DAMAGE as error:
+        raise CheckpointError(
+            f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
+            "or train again."
+        ) from error
+    if header is None:
+        raise CheckpointError(
+            f"{path} is a safetensors file, but not one of this version of drl-av, whose format "
+            f"is {FORMAT!r}: train again, or read it with the version that wrote it."
+        )
     if checksum(tensors, text) != expected:
         raise CheckpointError(
             f"{path} is damaged, its checksum does not match its contents: take an older copy or "
             "train again."
         )
     return tensors, metadata
-
-
-def _header(path: Path) -> tuple[str, Shapes]:
-    """Read only the header of a file: return its metadata, and the shapes of its arrays.
-
-    Raises:
-        CheckpointError: as ``load``, except that the arrays are not read.
-    """
-    try:
-        with path.open("rb") as file:
-            held = os.fstat(file.fileno()).st_size
-            size = int.from_bytes(file.read(8), "little")
-            if size > min(held, MAX_HEADER):
-                raise ValueError("it describes no arrays")
-            found = dict(json.loads(file.read(size)))
-        header = found.pop("__metadata__", {}).get(FORMAT)
-        shapes: Shapes = {
-            name: (str(each["dtype"]), *map(int, each["shape"])) for name, each in found.items()
-        }
-        ends = [int(each["data_offsets"][1]) for each in found.values()]
-        if held != 8 + size + max(ends, default=0):
-            raise ValueError("its size is not that of its contents")
-    except OSError as error:
-        raise CheckpointError(
-            f"The checkpoint {path} cannot be read ({error.strerror or error}): check the path."
-        ) from error
-    except _DAMAGE as error:
-        raise _damaged(path, error) from error
-    if header is None:
-        raise CheckpointError(
-            f"{path} is a safetensors file, but not one of this version of drl-av, whose format "
-            f"is {FORMAT!r}: train again, or read it with the version that wrote it."
-        )
-    if held > _memory_bytes() // 2:
-        raise CheckpointError(
-            f"{path} has {held / 2**30:.1f} GiB, which is more than half of this machine's memory: "
-            "read it on a larger machine."
-        )
-    return str(header), shapes
-
-
-def _damaged(path: Path, error: Exception) -> CheckpointError:
-    return CheckpointError(
-        f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
-        "or train again."
-    )
-
-
-def _memory_bytes() -> int:
-    """Return the size of this machine's memory; 16 GiB where the system does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return 16 * 2**30
 
 
 def config_of(path: Path, metadata: dict[str, Any]) -> Config:
@@ -156,45 +110,58 @@ def config_of(path: Path, metadata: dict[str, Any]) -> Config:
         ) from error
 
 
-def load_policy(path: Path) -> tuple[QNetwork, Config]:
-    """Read a policy file; return its network and its config.
+def load_layers(
+    path: Path, kind: str, sizes_of: Callable[[Config], Sequence[int]]
+) -> tuple[Layers, Config]:
+    """Read the layers and the config of a policy file of this kind.
 
-    The arrays are read only if their shapes are those of the config's network.
+    ``sizes_of`` returns the number of inputs and of the units of each layer by the config.
 
     Raises:
-        CheckpointError: the file is missing or damaged or holds no policy, the shapes of its
-            network differ from its config, or a weight is not finite or too large.
+        CheckpointError: the file cannot be read, is no policy file of this kind, has another config
+            than this version knows, or does not fit the network of its own config.
     """
-    header, found = _header(path)
-    try:
-        metadata = dict(json.loads(str(json.loads(header)["metadata"])))
-    except _DAMAGE as error:
-        raise _damaged(path, error) from error
-    if metadata.get("kind") != "policy":
+    tensors, metadata = load(path)
+    if metadata.get("kind") != kind:
         raise CheckpointError(
             f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
         )
     config = config_of(path, metadata)
-    hidden = (config.learning.hidden_units,) * 2
-    sizes = (len(observed_indicators(config.observation)), *hidden, len(ACTIONS))
-    expected: Shapes = {}
+    sizes, expected = sizes_of(config), dict[str, tuple[int, ...]]()
     for number, (inputs, outputs) in enumerate(pairwise(sizes)):
-        expected[f"layers.{number}.weight"] = ("F32", outputs, inputs)
-        expected[f"layers.{number}.bias"] = ("F32", outputs)
-    if found != expected:
+        expected[f"layers.{number}.weight"] = (outputs, inputs)
+        expected[f"layers.{number}.bias"] = (outputs,)
+    found = {name: tensor.shape for name, tensor in tensors.items()}
+    if found != expected or {tensor.dtype for tensor in tensors.values()} != {FLOAT32}:
         raise CheckpointError(
-            f"{path} does not fit a network of {' -> '.join(map(str, sizes))}: its "
-            f"tensors are {found}, not {expected}; take a policy trained for this observation."
+            f"{path} does not fit a network of {' -> '.join(map(str, sizes))}: its tensors are "
+            f"{found}, not {expected}; take a policy that drl-av has written for its settings."
         )
-    tensors, _ = load(path)
     if not all((np.abs(tensor) <= LARGEST_WEIGHT).all() for tensor in tensors.values()):
         raise CheckpointError(
             f"{path} has weights that are no finite numbers or above {LARGEST_WEIGHT:g}: take an "
             "older copy or train again."
         )
-    network = QNetwork(np.random.default_rng(0), sizes[0], hidden=hidden)
-    for name, view in network.tensors().items():
-        view[...] = tensors[name]
+    weights = iter(tensors[name] for name in expected)
+    return [*zip(weights, weights, strict=True)], config
+
+
+def load_policy(path: Path) -> tuple[QNetwork, Config]:
+    """Read a policy file; return its network and its config.
+
+    Raises:
+        CheckpointError: as ``load_layers``.
+    """
+
+    def sizes_of(config: Config) -> Sequence[int]:
+        hidden = config.learning.hidden_units
+        return len(observed_indicators(config.observation)), hidden, hidden, len(ACTIONS)
+
+    layers, config = load_layers(path, "policy", sizes_of)
+    inputs, *hidden, _ = sizes_of(config)
+    network = QNetwork(np.random.default_rng(0), inputs, hidden=hidden)
+    for views, stored in zip(network.layers, layers, strict=True):
+        views[0][...], views[1][...] = stored
     return network, config
 
 

@@ -145,10 +145,6 @@ def _without_check(name: str) -> str:
     return own if check in CHECKS else name
 
 
-MAX_BYTES = 1_000_000_000
-"""The largest zip or ONNX file that is read as a driver."""
-
-
 def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     """Find the driver that each word names; a repeated word counts once.
 
@@ -159,8 +155,8 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     drivers are called ``NAME/LAST``; a driver beside a group is a group of its own.
 
     Raises:
-        ConfigError: a word names no driver or check, or a zip or ONNX file larger than
-            ``MAX_BYTES``; or a group has the name of another driver, or a driver of another group.
+        ConfigError: a word names no driver or check, or a group has the name of another driver or
+            a driver of another group.
     """
     runs: dict[str, Path | None] = {}
     groups: dict[str, str] = {}
@@ -221,10 +217,6 @@ def _existing(path: Path) -> Path:
         )
     if suffix in LOADERS and not path.is_file():
         raise ConfigError(f"The driver {path} is no regular file: name a file, or rename it.")
-    if suffix in LOADERS and path.stat().st_size > MAX_BYTES:
-        raise ConfigError(
-            f"The driver {path} is larger than {MAX_BYTES // 10**6} MB: name the file of a network."
-        )
     return path
 
 

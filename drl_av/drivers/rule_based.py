@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig, SimulationConfig
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import (
@@ -28,13 +28,13 @@ from drl_av.driving.affordances import (
     has_lane,
     slot_of,
 )
-from drl_av.driving.car_following import MobilNumbers, idm_acceleration, time_gap_acceleration
+from drl_av.driving.car_following import idm_acceleration, time_gap_acceleration
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
 from drl_av.road.snapshot import EGO
-from drl_av.safety.paper import SafetyNumbers, gap_condition, safe_number, time_to_collision
+from drl_av.safety.paper import gap_condition, safe_number, time_to_collision
 from drl_av.simulation.vehicle_calls import EgoModel
 
 
@@ -87,9 +87,9 @@ class MobilDriver(Driver):
 
     def __init__(self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig) -> None:
         self._numbers = (
-            numbers(SafetyNumbers, safety),
+            safety.numbers,
             ego_numbers(ego, SimulationConfig()),
-            numbers(MobilNumbers, mobil),
+            mobil.numbers,
         )
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
@@ -152,9 +152,6 @@ MANDATORY_BIAS_M_S2 = 4.0
 """Largest bias of MOBIL's incentive criterion towards a mandatory lane change (ours)."""
 
 
-Mobil = MobilConfig | MobilNumbers
-
-
 @compiled
 def rule_action(
     values: FloatArray,
@@ -162,9 +159,9 @@ def rule_action(
     is_changing: bool,
     length_m: float,
     headway_s: float,
-    safety: SafetyNumbers,
+    safety: SafetyConfig,
     ego: EgoNumbers,
-    mobil: MobilNumbers,
+    mobil: MobilConfig,
 ) -> int:
     """Return the number of the action of ``gap-mobil``, or of ``idm-mobil`` if the headway is 0.
 
@@ -183,7 +180,7 @@ def rule_action(
     return longitudinal + 4 * (LEFT if side > 0 else RIGHT if side < 0 else 0)
 
 
-def idm_number(values: FloatArray, codes: IntArray, config: SafetyConfig | SafetyNumbers) -> int:
+def idm_number(values: FloatArray, codes: IntArray, config: SafetyConfig) -> int:
     """Return the number of the action of the paper's IDM, with one added condition.
 
     The action is to accelerate if T_C > T_A and the gap condition (eq. 3) holds, and otherwise
@@ -221,7 +218,7 @@ def gap_number(
 
 
 def mobil_side(
-    values: FloatArray, codes: IntArray, length_m: float, max_speed_m_s: float, mobil: Mobil
+    values: FloatArray, codes: IntArray, length_m: float, max_speed_m_s: float, mobil: MobilConfig
 ) -> int:
     """Return the lane change that MOBIL demands: +1 left, -1 right, 0 none.
 
@@ -255,7 +252,7 @@ def mobil_gain(
     sign: int,
     length_m: float,
     max_speed_m_s: float,
-    mobil: Mobil,
+    mobil: MobilConfig,
 ) -> float:
     """Return the gain of a lane change to the left (+1) or right (-1), m/s^2.
 
@@ -281,7 +278,7 @@ def mobil_gain(
 
 
 def behind_leader(
-    values: FloatArray, codes: IntArray, front: int, desired_m_s: float, mobil: Mobil
+    values: FloatArray, codes: IntArray, front: int, desired_m_s: float, mobil: MobilConfig
 ) -> float:
     """Return the ego's IDM acceleration behind the vehicle in the slot ``front``, m/s^2."""
     if codes[front] == NO_VEHICLE:
@@ -291,7 +288,7 @@ def behind_leader(
 
 
 def behind_ego(
-    values: FloatArray, codes: IntArray, rear: int, desired_m_s: float, mobil: Mobil
+    values: FloatArray, codes: IntArray, rear: int, desired_m_s: float, mobil: MobilConfig
 ) -> float:
     """Return the IDM acceleration behind the ego of the vehicle in the slot ``rear``, m/s^2.
 
@@ -310,7 +307,7 @@ def without_ego(
     front: int,
     length_m: float,
     desired_m_s: float,
-    mobil: Mobil,
+    mobil: MobilConfig,
 ) -> float:
     """Return the IDM acceleration of the vehicle behind the ego in a lane without the ego, m/s^2.
 

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import numbers
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.errors import ConfigError
 
@@ -72,7 +71,8 @@ class EgoNumbers(NamedTuple):
 
 def ego_numbers(ego: EgoConfig, simulation: SimulationConfig) -> EgoNumbers:
     """Return the settings of the ego as numbers."""
-    return numbers(EgoNumbers, ego, simulation)
+    every = (ego if hasattr(ego, name) else simulation for name in EgoNumbers._fields)
+    return EgoNumbers(*map(getattr, every, EgoNumbers._fields))
 
 
 def acceleration_of(longitudinal: int, ego: EgoConfig | EgoNumbers) -> float:

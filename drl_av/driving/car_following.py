@@ -29,24 +29,12 @@ class Idm(NamedTuple):
     comfortable_braking_m_s2: float
 
 
-class MobilNumbers(NamedTuple):
-    """The settings of the section ``mobil``, for compiled functions."""
-
-    politeness: float
-    threshold_m_s2: float
-    safe_braking_m_s2: float
-    headway_s: float
-    standstill_gap_m: float
-    acceleration_m_s2: float
-    comfortable_braking_m_s2: float
-
-
 def idm_acceleration(
     speed_m_s: float,
     desired_m_s: float,
     gap_m: float,
     closing_m_s: float,
-    config: Idm | MobilConfig | MobilNumbers,
+    config: Idm | MobilConfig,
 ) -> float:
     """Return the acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
 

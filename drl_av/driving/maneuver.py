@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import borrowing, compiled, squared
+from drl_av.compiled import borrowing, squared
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral, ego_numbers
 from drl_av.driving.affordances import FRONT, LANE, NO_VEHICLE, IntArray
@@ -157,7 +157,7 @@ def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
     heading_rad = 0.0 if change is None else float(change.heading_rad)
     now = values, codes, action.number, *scene.lanes, heading_rad
     road = ground[1], limits, float(values[FRONT])
-    origin, target, heading_rad = plan_rows.fast(*now, *road, ego, steps)
+    origin, target, heading_rad = plan_into.fast(*now, *road, ego, *steps)
     after = None if origin == target else LaneChange(origin, target, heading_rad)
     return Plan([*map(Command, *steps.tolist())], after)
 
@@ -290,30 +290,3 @@ def plan_into(
         ego.step_length_s,
     )
     return (target, target, 0.0) if over else (origin, target, heading_rad)
-
-
-@compiled
-def plan_rows(
-    values: FloatArray,
-    codes: IntArray,
-    action: int,
-    origin: int,
-    target: int,
-    heading_rad: float,
-    lane_width_m: float,
-    limits: FloatArray,
-    front_m: float,
-    ego: EgoNumbers,
-    steps: FloatArray,
-) -> tuple[int, int, float]:
-    """Call ``plan_into`` with the three rows of ``steps``, shape (3, steps)."""
-    change, road = (origin, target, heading_rad), (lane_width_m, limits, front_m)
-    after: tuple[int, int, float] = plan_into(
-        values, codes, action, *change, *road, ego, *rows_of(steps)
-    )
-    return after
-
-
-def rows_of(steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the three rows of an array."""
-    return steps[0], steps[1], steps[2]

@@ -3,8 +3,10 @@
 ``infer_action`` finds the action that explains two scenes of an ego that SUMO drives.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +41,7 @@ class LaneChange(NamedTuple):
         return LaneChange(self.target, self.origin, self.heading_rad)
 
 
+@dataclass(eq=False)
 class Scene:
     """All information that a driver or a safety check may use for a decision.
 
@@ -46,18 +49,10 @@ class Scene:
     ego's lane change in progress, or None.
     """
 
-    __slots__ = ("_affordances", "indicators", "lane_change", "road", "snapshot")
-
-    def __init__(
-        self,
-        snapshot: Snapshot,
-        indicators: Indicators,
-        lane_change: LaneChange | None,
-        road: Road,
-    ) -> None:
-        self.snapshot, self.indicators = snapshot, indicators
-        self.lane_change, self.road = lane_change, road
-        self._affordances: Affordances | None = None
+    snapshot: Snapshot
+    indicators: Indicators
+    lane_change: LaneChange | None
+    road: Road
 
     @classmethod
     def from_arrays(
@@ -138,31 +133,16 @@ class Scene:
         seen = compute_indicators(shot, road, ObservationConfig().range_m)
         return cls(shot, seen, lane_change, road)
 
-    @property
+    @cached_property
     def affordances(self) -> Affordances:
         """The indicators by name."""
-        if self._affordances is None:
-            self._affordances = affordances_of(self.indicators, self.road)
-        return self._affordances
+        return affordances_of(self.indicators, self.road)
 
     @property
     def lanes(self) -> tuple[int, int]:
         """The two lanes of the lane change in progress, equal if there is none."""
         change = self.lane_change
         return (0, 0) if change is None else (change.origin, change.target)
-
-    def _replace(self, **changes: Any) -> "Scene":
-        """Return this scene with other values of some of its four fields."""
-        given = {
-            "snapshot": self.snapshot,
-            "indicators": self.indicators,
-            "lane_change": self.lane_change,
-            "road": self.road,
-        }
-        return Scene(**(given | changes))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Scene, (self.snapshot, self.indicators, self.lane_change, self.road)
 
 
 STILL_M = 1e-6

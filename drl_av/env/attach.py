@@ -8,7 +8,7 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.external import is_driver, require_methods
+from drl_av.drivers.external import require_driver
 from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.affordances import compute_indicators
@@ -99,14 +99,7 @@ def _specs(
     if isinstance(driver, str | Path):
         specs = find_drivers([driver])
     else:
-        kind = type(driver).__name__
-        if not is_driver(driver):
-            raise ConfigError(
-                f"driver is a {kind}, but must be a name, a path, 'module:function' or an object "
-                "with start(seed) and act(scene, observation): a class or a function has to be "
-                "called."
-            )
-        require_methods(driver, kind)
+        require_driver(driver, "driver", type(driver).__name__)
     settings = driving_config(specs, config)
     if any(spec.is_planner for spec in specs):
         raise ConfigError(

@@ -86,17 +86,10 @@ class GroupObservation:
 
     def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
         """Return the scaled indicators of a scene in the order of ``names``."""
-        affordances, change = scene.affordances, scene.lane_change
-        further = (
-            *(affordances.right_lane, affordances.left_lane, change.sign if change else 0),
-            affordances.lane_end_gap_m / affordances.range_m,
-            affordances.mandatory.lanes / max(self._scale.lanes - 1, 1),
-            min(affordances.mandatory.within_m / ROUTE_SCALE_M, 1.0),
-            min(affordances.allowed_speed_m_s / self._scale.max_speed_m_s, 1.0),
-        )
-        scaled = np.append(self._scale(affordances.vector()), np.array(further, np.float32))
-        selected: npt.NDArray[np.float32] = scaled[self._places]
-        return selected
+        (values, codes, (_, _, barriers), *_), (origin, target) = scene.indicators, scene.lanes
+        scaled, side = self._scale(values[:27]), np.array([target - origin])
+        found = self.of_worlds(scaled[None], values[None], codes[None], side, barriers)
+        return found.reshape(-1)
 
     def of_worlds(
         self,

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import borrowing, numbers, squared
-from drl_av.config import RewardConfig
+from drl_av.compiled import borrowing, squared
+from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import (
     ALLOWED,
     CHANGES,
@@ -18,7 +18,7 @@ from drl_av.driving.affordances import (
     slot_of,
 )
 from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
-from drl_av.safety.paper import SafetyNumbers, is_clear
+from drl_av.safety.paper import is_clear
 
 
 class Rewards(NamedTuple):
@@ -32,26 +32,6 @@ class Rewards(NamedTuple):
     def total(self) -> float:
         """Mean of the three terms, in [-1, 0]."""
         return (self.r_v + self.r_y + self.r_x) / 3
-
-
-class RewardNumbers(NamedTuple):
-    """The settings of the section ``reward`` as numbers, for compiled functions."""
-
-    desired_is_fixed: bool
-    desired_is_best_lane: bool
-    desired_speed_m_s: float
-    desired_lateral_m: float
-    collision_reward: float
-    safe_headway_s: float
-    catch_up_time_s: float
-    worthwhile_gain_m_s: float
-    speed_tolerance_m_s: float
-
-
-def reward_numbers(config: RewardConfig) -> RewardNumbers:
-    """Return the settings of the section ``reward`` as numbers."""
-    is_fixed, is_best = config.desired == "fixed", config.desired == "best-lane"
-    return numbers(RewardNumbers, config, desired_is_fixed=is_fixed, desired_is_best_lane=is_best)
 
 
 def speed_reward(speed_m_s: float, desired_m_s: float) -> float:
@@ -77,7 +57,7 @@ def safe_gap(speed_m_s: float, headway_s: float, minimum_gap_m: float) -> float:
 
 
 def attainable_speed(
-    gap_m: float, leader_m_s: float, config: RewardConfig | RewardNumbers, minimum_gap_m: float
+    gap_m: float, leader_m_s: float, config: RewardConfig, minimum_gap_m: float
 ) -> float:
     """Return the speed that a lane allows now, m/s (ours).
 
@@ -88,9 +68,7 @@ def attainable_speed(
     return min(config.desired_speed_m_s, leader_m_s + max(0.0, spare_m) / config.catch_up_time_s)
 
 
-def tolerated_speed(
-    speed_m_s: float, attainable_m_s: float, config: RewardConfig | RewardNumbers
-) -> float:
+def tolerated_speed(speed_m_s: float, attainable_m_s: float, config: RewardConfig) -> float:
     """Return v_des, m/s: the attainable speed of the lane, with a tolerance (ours).
 
     Behind another vehicle the ego's speed may deviate from the attainable speed by
@@ -110,8 +88,8 @@ def desired_values(
     values: FloatArray,
     codes: IntArray,
     lane_width_m: float,
-    config: RewardNumbers,
-    safety: SafetyNumbers,
+    config: RewardConfig,
+    safety: SafetyConfig,
 ) -> tuple[float, float]:
     """Return the desired speed v_des, m/s, and lateral position y_des, metres (ours).
 
@@ -144,7 +122,7 @@ def desired_values(
 
 
 def lane_speed(
-    values: FloatArray, codes: IntArray, sign: int, config: RewardNumbers, safety: SafetyNumbers
+    values: FloatArray, codes: IntArray, sign: int, config: RewardConfig, safety: SafetyConfig
 ) -> float:
     """Return the ``attainable_speed`` of the own (0), left (+1) or right (-1) lane, m/s.
 
@@ -160,7 +138,7 @@ def lane_speed(
 
 
 def best_speed(
-    values: FloatArray, codes: IntArray, config: RewardNumbers, safety: SafetyNumbers
+    values: FloatArray, codes: IntArray, config: RewardConfig, safety: SafetyConfig
 ) -> float:
     """Return the highest ``lane_speed`` of the ego's lane and those beside it, m/s (ours).
 
@@ -190,8 +168,8 @@ def faster_side(
     codes: IntArray,
     lane_width_m: float,
     own_m_s: float,
-    config: RewardNumbers,
-    safety: SafetyNumbers,
+    config: RewardConfig,
+    safety: SafetyConfig,
 ) -> int:
     """Return which lane is the best: +1 the left lane, -1 the right lane, 0 the ego's own (ours).
 
@@ -215,7 +193,7 @@ def terms(
     gap_m: float,
     desired_m_s: float,
     desired_m: float,
-    config: RewardConfig | RewardNumbers,
+    config: RewardConfig,
     minimum_gap_m: float,
 ) -> tuple[float, float, float]:
     """Return the fields of ``Rewards``; ``gap_m`` is inf without a vehicle ahead."""
@@ -231,8 +209,8 @@ def reward_terms(
     values: FloatArray,
     codes: IntArray,
     lane_width_m: float,
-    config: RewardNumbers,
-    safety: SafetyNumbers,
+    config: RewardConfig,
+    safety: SafetyConfig,
 ) -> tuple[float, float, float]:
     """Return the fields of ``Rewards`` in a scene, from the arrays that ``indicators`` fills."""
     speed_m_s, y_m = desired_values(values, codes, lane_width_m, config, safety)

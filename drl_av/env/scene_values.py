@@ -3,16 +3,15 @@
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import borrowing, numbers
-from drl_av.config import Config
+from drl_av.compiled import borrowing
+from drl_av.config import Config, RewardConfig, SafetyConfig
 from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, ground_of, indicators
 from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.reward import RewardNumbers, Rewards, reward_numbers, reward_terms
+from drl_av.env.reward import Rewards, reward_terms
 from drl_av.road.compiled_road import RoadNumbers, road_numbers
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import Snapshot, Vehicles
-from drl_av.safety.paper import SafetyNumbers
 
 Observation = npt.NDArray[np.float32]
 
@@ -25,7 +24,7 @@ class SceneValues:
         self._numbers = road_numbers(road)
         self._ground = ground_of(self._numbers)
         self._scale = scale.offset, scale.scale, scale.bounds
-        self._rewards = reward_numbers(config.reward), numbers(SafetyNumbers, config.safety)
+        self._rewards = config.reward.numbers, config.safety.numbers
 
     def __call__(
         self, snapshot: Snapshot, lane_change: LaneChange | None
@@ -57,8 +56,8 @@ def compute_values(
     offset: FloatArray,
     scale: FloatArray,
     bounds: Observation,
-    reward: RewardNumbers,
-    safety: SafetyNumbers,
+    reward: RewardConfig,
+    safety: SafetyConfig,
     values: FloatArray,
     codes: IntArray,
     observation: Observation,

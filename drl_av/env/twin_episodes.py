@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.compiled import borrowing, compiled, inlined, numbers
-from drl_av.config import Config
+from drl_av.compiled import borrowing, compiled, inlined
+from drl_av.config import Config, RewardConfig, SafetyConfig, StrictConfig
 from drl_av.config.functions import is_factory
 from drl_av.drivers.background.traffic import (
     Scratch,
@@ -18,14 +18,12 @@ from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
 from drl_av.driving.maneuver import plan_into
 from drl_av.driving.observation_scale import ObservationScale
-from drl_av.env.reward import RewardNumbers, reward_numbers
 from drl_av.env.scene_values import compute_values
 from drl_av.errors import ConfigError
 from drl_av.road.compiled_road import RoadNumbers, holds, road_numbers
 from drl_av.road.sweep import HIT_EDGE, NO_CONTACT, swept_collision
 from drl_av.safety import named_check
-from drl_av.safety.paper import SafetyNumbers, before_lane_ends, paper_verdicts
-from drl_av.safety.reachability import StrictNumbers
+from drl_av.safety.paper import before_lane_ends, paper_verdicts
 from drl_av.safety.strict import strict_verdicts
 from drl_av.scenarios.folder import Scenario
 from drl_av.twin.commands import drive_traffic, happen
@@ -101,9 +99,9 @@ class Task(NamedTuple):
     offset: FloatArray
     scale: FloatArray
     bounds: npt.NDArray[np.float32]
-    reward: RewardNumbers
-    safety: SafetyNumbers
-    strict: StrictNumbers
+    reward: RewardConfig
+    safety: SafetyConfig
+    strict: StrictConfig
     ego: EgoNumbers
     check: int
     traffic: TrafficNumbers
@@ -132,9 +130,9 @@ def task_of(scenario: Scenario, config: Config) -> Task:
         offset=scale.offset,
         scale=scale.scale,
         bounds=scale.bounds,
-        reward=reward_numbers(config.reward),
-        safety=numbers(SafetyNumbers, config.safety),
-        strict=numbers(StrictNumbers, config.strict),
+        reward=config.reward.numbers,
+        safety=config.safety.numbers,
+        strict=config.strict.numbers,
         ego=ego_numbers(config.ego, config.simulation),
         check=CHECK_NUMBERS[config.safety.check],
         traffic=traffic_numbers(config, road, scenario.vehicle_types),

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.env.open_worlds import exchange_vehicles, leaving_and_entering
 from drl_av.env.twin_episodes import advance, read_scene
+from drl_av.env.world_arrays import exchange_vehicles, leaving_and_entering
 from drl_av.errors import ConfigError
 from drl_av.road.compiled_road import road_numbers
 from drl_av.road.snapshot import NO_COMMANDS, Collision, Command, Snapshot, TrafficCommands

@@ -4,14 +4,13 @@ from collections.abc import Iterable, Mapping
 from contextlib import closing
 from dataclasses import asdict
 from html import escape
-from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, SupportsIndex, TypeGuard, overload
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.external import is_driver, require_methods
+from drl_av.drivers.external import require_driver
 from drl_av.drivers.registry import (
     DriverSpec,
     driving_config,
@@ -20,6 +19,7 @@ from drl_av.drivers.registry import (
     warn_of_checks,
 )
 from drl_av.env.custom import CustomParts, with_check
+from drl_av.env.episode_start import require_numbers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
@@ -143,11 +143,12 @@ def evaluate(
         SimulationError: SUMO ended unexpectedly.
     """
     given = vehicles if isinstance(vehicles, Iterable) else [vehicles]
-    numbers = [] if vehicles is None else [_whole("vehicles", number, 0) for number in given]
+    numbers = [] if vehicles is None else list(given)
     if vehicles is not None and not numbers:
         raise ConfigError("vehicles names no number of vehicles: name one, or leave it out.")
-    episodes, seed = _whole("episodes", episodes, 1), _whole("seed", seed, 0)
-    jobs = _whole("jobs", jobs, 1)
+    for number in numbers:
+        require_numbers(vehicles=(number, 0, None))
+    require_numbers(episodes=(episodes, 1, None), seed=(seed, 0, None), jobs=(jobs, 1, None))
     if not isinstance(own, Mapping):
         raise ConfigError(
             f"own is a {type(own).__name__}, but must be a dictionary of drivers by name: write "
@@ -162,7 +163,8 @@ def evaluate(
     metrics = CriticalityMetrics if criticality else EpisodeMetrics
     seeds = range(seed, seed + episodes)
     custom = CustomParts(own_check, reward, observation)
-    evaluation = Evaluation(settings, specs, numbers, seeds, metrics, custom)
+    counts = [int(number) for number in numbers]
+    evaluation = Evaluation(settings, specs, counts, seeds, metrics, custom)
     with closing(evaluation.rows(jobs)) as rows:
         return Results(rows)
 
@@ -184,21 +186,8 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
     for name, driver in own.items():
         if not isinstance(name, str) or not name:
             raise ConfigError(f"own names a driver {name!r}, but a name must be a text.")
-        if not is_driver(driver):
-            raise ConfigError(
-                f"The driver {name!r} in own is a {type(driver).__name__}, but must be an object "
-                "with start(seed) and act(scene, observation): a class or a function has to be "
-                "called."
-            )
-        require_methods(driver, name)
+        require_driver(driver, f"The driver {name!r} in own", name)
         if name in [spec.name for spec in specs]:
             raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")
         specs.append(DriverSpec(printable(name), None, driver))
     return specs
-
-
-def _whole(name: str, value: object, least: int) -> int:
-    """Return ``value`` as an int; raise ConfigError unless it is whole and at least ``least``."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise ConfigError(f"{name} is {value!r}, but must be a whole number from {least} on.")
-    return int(value)

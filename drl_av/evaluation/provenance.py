@@ -20,8 +20,6 @@ from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError
 from drl_av.files import write_atomic
 
-MAX_BYTES = 64_000_000
-"""Largest size of a provenance file that is read."""
 PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"
 """SUMO's integration method: its default, which no setting changes."""
@@ -143,8 +141,6 @@ def read_provenance(path: Path, table: Path) -> dict[str, Any]:
             "the table away to make it again."
         )
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ValueError(f"it is larger than {MAX_BYTES // 10**6} MB")
         facts = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error

@@ -5,11 +5,11 @@ import glob
 import hashlib
 import os
 import re
-import secrets
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from drl_av.errors import DrlAvError
 
@@ -163,35 +163,23 @@ def _target(path: Path) -> Path:
 def _unfinished(path: Path) -> Iterator[Path]:
     """Yield a temporary path in a new private folder beside ``path``; remove the folder at the end.
 
-    The folder's name contains the id of this process. Making a folder follows no link and fails if
-    the name is taken; then a random word makes another name.
+    The folder's name contains the id of this process and a random word. Making a folder follows no
+    link.
     """
-    name = f".{path.stem}.{os.getpid()}.unfinished{path.suffix}"
-    folder = path.with_name(name)
-    try:
-        folder.mkdir(mode=0o700)
-    except FileExistsError:
-        word = secrets.token_hex(8)
-        folder = path.with_name(f".{path.stem}.{os.getpid()}.{word}.unfinished{path.suffix}")
-        folder.mkdir(mode=0o700)
-    try:
-        yield folder / name
-    finally:
-        _remove(folder)
+    begin, end = f".{path.stem}.{os.getpid()}.", f".unfinished{path.suffix}"
+    with TemporaryDirectory(end, begin, path.parent, ignore_cleanup_errors=True) as folder:
+        yield Path(folder, path.name)
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove temporary files beside ``path`` that belong to processes that no longer run."""
+    """Remove temporary folders beside ``path`` that belong to processes that no longer run."""
     if os.name != "posix":
         return
     stem, suffix = re.escape(path.stem), re.escape(path.suffix)
     for other in path.parent.glob(f".{glob.escape(path.stem)}.*"):
-        match = re.fullmatch(
-            rf"\.{stem}\.(\d+)(?:\.[0-9a-f]{{16}})?\.unfinished{suffix}", other.name
-        )
+        match = re.fullmatch(rf"\.{stem}\.(\d+)(\.\w+)?\.unfinished{suffix}", other.name)
         if match and not _runs(int(match[1])):
-            with contextlib.suppress(OSError):
-                _remove(other)
+            shutil.rmtree(other, ignore_errors=True)
 
 
 def _runs(process: int) -> bool:
@@ -203,14 +191,6 @@ def _runs(process: int) -> bool:
     except (PermissionError, OverflowError):
         return True
     return True
-
-
-def _remove(path: Path) -> None:
-    """Remove a file, or a folder with its contents."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

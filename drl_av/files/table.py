@@ -31,12 +31,9 @@ matplotlib fails at numbers near 1e308.
 """
 LARGEST = 1e9
 """The largest absolute value of a PlainNumber."""
-MAX_BYTES, MAX_ROWS, MAX_HEADER = 512_000_000, 5_000_000, 100_000
-"""Limits for reading a table: bytes of the file, number of rows, bytes of the first line."""
 Columns = type | Iterable[str]
 """A dataclass or NamedTuple whose fields are the columns, or the columns' names."""
 _REMEDY = "put the table back as it was written, or make it again"
-_SPLIT = "split it into smaller tables, or make it again"
 SHOWN = 60
 """Largest number of characters of a cell that an error message shows."""
 _KINDS: dict[Any, str] = {
@@ -105,7 +102,7 @@ def read_table(
             empty (the result is []), and an incomplete last line is ignored.
 
     Raises:
-        DrlAvError: the file is missing, unreadable, empty or too large, or has no rows; a column is
+        DrlAvError: the file is missing, unreadable or empty, or has no rows; a column is
             missing or occurs twice; the last line is incomplete; or a row has a wrong number of
             values, or a value of a wrong type.
     """
@@ -127,8 +124,6 @@ def read_table(
         if header:
             _require_columns(path, header, types)
         for cells in () if first is None else chain([first], lines):
-            if len(found) == MAX_ROWS:
-                raise DrlAvError(f"The table {path} has more than {MAX_ROWS} rows: {_SPLIT}.")
             found.append(_row(f"{path}, line {reader.line_num}", header, cells, types))
     except csv.Error as error:
         raise DrlAvError(
@@ -167,10 +162,8 @@ def _unquoted(text: str) -> str:
 
 
 def _data(path: Path) -> bytes:
-    """Return the bytes of a table; raise DrlAvError if it is missing, unreadable or too large."""
+    """Return the bytes of a table; raise DrlAvError if it is missing or unreadable."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise DrlAvError(f"The table {path} is larger than {MAX_BYTES // 10**6} MB: {_SPLIT}.")
         data = path.read_bytes()
     except FileNotFoundError as error:
         raise DrlAvError(f"There is no table {path}: check the path.") from error
@@ -184,10 +177,6 @@ def _data(path: Path) -> bytes:
         data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DrlAvError(f"The table {path} is not UTF-8 text ({error}): {_REMEDY}.") from error
-    if data.find(b"\n", 0, MAX_HEADER) < 0 and len(data) > MAX_HEADER:
-        raise DrlAvError(
-            f"The first line of the table {path} is longer than {MAX_HEADER} bytes: {_REMEDY}."
-        )
     return data
 
 

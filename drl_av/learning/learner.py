@@ -196,8 +196,7 @@ class Learner:
         """Set the learner to exactly the state that ``state`` returned.
 
         Raises:
-            CheckpointError: a tensor is missing, its shape or type is wrong for this network, or a
-                number in it is not finite.
+            CheckpointError: a tensor is missing, or its shape or type is wrong for this network.
         """
         for name, tensor in self._tensors().items():
             stored = state.get(name)
@@ -206,11 +205,6 @@ class Learner:
                     f"The stored learner's {name!r} does not fit a network of "
                     f"{' -> '.join(map(str, self.network.sizes))}: continue with the configuration "
                     "the run was started with."
-                )
-            if not np.isfinite(stored).all():
-                raise CheckpointError(
-                    f"The stored learner's {name!r} holds numbers that are not finite: take an "
-                    "older copy, or begin a new run."
                 )
         for name, tensor in self._tensors().items():
             tensor.copy_(torch.from_numpy(np.asarray(state[name])))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
-from drl_av.driving.actions import ACTIONS
 from drl_av.errors import CheckpointError, ConfigError
 
 MEMORY = Path("/proc/meminfo")
@@ -137,8 +136,7 @@ class Ring:
         """Set the ring to exactly the state that ``state`` returned.
 
         Raises:
-            CheckpointError: the rows do not fit a ring of this capacity and observation size, or
-                are no transitions.
+            CheckpointError: the rows do not fit a ring of this capacity and observation size.
         """
         rows = state.get("rows", np.empty(0))
         next_slot = state.get("next_slot", np.empty(0))
@@ -155,24 +153,8 @@ class Ring:
                 f"The stored experience does not fit a buffer of {capacity} rows of {width} "
                 "numbers: continue with the configuration the run was started with."
             )
-        if not _are_transitions(rows, self.observation_size):
-            raise CheckpointError(
-                "The stored experience holds rows that are no transitions: a number is not finite, "
-                "an action is none of the 12, or a discount is not from 0 to 1; take an older "
-                "copy, or begin a new run."
-            )
         self.filled, self.next_slot = len(rows), int(next_slot)
         self.numbers[: self.filled] = rows
-
-
-def _are_transitions(numbers: Float32Array, observation_size: int) -> bool:
-    """Whether all numbers are finite, and actions and discounts within their ranges."""
-    rows = np.ascontiguousarray(numbers).view(row_type(observation_size))[:, 0]
-    return bool(
-        np.isfinite(numbers).all()
-        and np.isin(rows["a_t"], range(len(ACTIONS))).all()
-        and ((rows["discount"] >= 0) & (rows["discount"] <= 1)).all()
-    )
 
 
 def part_of(state: State, prefix: str) -> State:

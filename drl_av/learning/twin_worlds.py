@@ -1,4 +1,8 @@
-"""The worlds of a training at scale: episodes in the twin, seen wide and paid for speed (ours)."""
+"""The worlds of a training at scale: episodes in the twin, seen wide and paid for speed (ours).
+
+An actor that is to drive sees only what a driver sees; the critic, which only the training needs,
+may know more, and its values vary less (Pinto et al. 2018, Asymmetric actor critic).
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -9,6 +13,7 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.config.learning import SPAN_M_S
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
@@ -18,11 +23,10 @@ from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEAD
 from drl_av.env.route_outcome import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
-from drl_av.learning.whole_road import PLACES_M, look_at_whole_road, whole_road_size
-from drl_av.twin.worlds import IntArray
+from drl_av.road.compiled_road import RoadNumbers, ahead_m, lane_of
+from drl_av.twin.worlds import DESIRED_M_S, FloatArray, IntArray
 
 Float32Array = npt.NDArray[np.float32]
-FloatArray = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 SIDES = np.array(SIGNS)
 MIDDLE_M_S = 20.0
@@ -32,6 +36,12 @@ AFTER_CHANGE = 10
 """Number of decisions after a lane change in which it may make others brake."""
 REAR_OF = np.array([slot_of(side) + 1 for side in (0, 1, -1)])
 """The slots of the vehicles behind the ego in its lane, and in those to the left and right."""
+
+PLACES_M = np.array([-100.0, 0.0, 40.0, 80.0, 130.0, 200.0, 300.0, 450.0])
+"""Between these distances ahead of the ego, and beyond them, the vehicles of each lane count."""
+OF_A_PLACE = 3
+"""Per lane and place: the vehicles, divided by 5, and the sums of their speeds and of their desired
+speeds, each speed as (speed - 20 m/s) / 30 m/s."""
 
 
 class Part:
@@ -257,3 +267,38 @@ class TwinWorlds(VecEnv):
 
     def close(self) -> None:
         """Do nothing."""
+
+
+def whole_road_size(lanes: int) -> int:
+    """Return how many numbers describe the vehicles of a road."""
+    return lanes * (len(PLACES_M) + 1) * OF_A_PLACE
+
+
+@compiled
+def look_at_whole_road(
+    scene: FloatArray,
+    x: FloatArray,
+    count: IntArray,
+    road: RoadNumbers,
+    places_m: FloatArray,
+    rows: IntArray,
+    seen: npt.NDArray[np.float32],
+) -> None:
+    """Fill ``seen[rows]``, shape (worlds, whole_road_size), with all vehicles but the ego.
+
+    ``scene`` is that of ``Episodes``, ``x`` that of ``Worlds``; ``count``, shape (worlds,), holds
+    the numbers of vehicles, the ego included. ``places_m`` is ``PLACES_M``.
+    """
+    lanes, places = len(road.open_lanes), len(places_m) + 1
+    for w in rows:
+        seen[w, : lanes * places * OF_A_PLACE] = 0.0
+        for row in range(1, count[w]):
+            away_m = ahead_m(scene[w, 0, 0], scene[w, 0, row], road.lap_m)
+            place = 0
+            while place < places - 1 and away_m >= places_m[place]:
+                place += 1
+            lane = min(max(lane_of(scene[w, 1, row], road.lane_width_m), 0), lanes - 1)
+            at = (lane * places + place) * OF_A_PLACE
+            seen[w, at] += 0.2
+            seen[w, at + 1] += (scene[w, 2, row] - 20.0) / 30.0
+            seen[w, at + 2] += (x[w, DESIRED_M_S, row] - 20.0) / 30.0

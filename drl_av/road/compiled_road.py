@@ -177,12 +177,6 @@ def holds(y_m: float, width_m: float, s_m: float, road: RoadNumbers) -> bool:
     return found
 
 
-@borrowing
-def misses_exit(lane: int, s_m: float, road: RoadNumbers) -> bool:
-    """Whether a vehicle in this lane with its front at ``s_m`` has passed the ego's exit."""
-    return lane > road.exit_lane and s_m >= road.exit_m
-
-
 @inlined
 def ahead_m(s_from_m: float, s_to_m: float, lap_m: float) -> float:
     """Return the signed distance along the road, the shorter way, as ``Road.ahead_m``."""

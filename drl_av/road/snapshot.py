@@ -65,15 +65,9 @@ class Snapshot(NamedTuple):
 
     def of_rows(self, rows: Sequence[int]) -> "Snapshot":
         """Return the snapshot of the vehicles in some rows, in the order of these."""
-        return self._replace(
-            ids=tuple(self.ids[row] for row in rows),
-            s_m=self.s_m[rows],
-            y_m=self.y_m[rows],
-            speed_m_s=self.speed_m_s[rows],
-            lateral_speed_m_s=self.lateral_speed_m_s[rows],
-            length_m=self.length_m[rows],
-            width_m=self.width_m[rows],
-        )
+        ids = tuple(self.ids[row] for row in rows)
+        s, y, v, v_y, length, width = (array[rows] for array in self[2:8])
+        return Snapshot(self.time_s, ids, s, y, v, v_y, length, width, self.sumo_lane_change)
 
     @property
     def arrays(self) -> Vehicles:

@@ -1,12 +1,12 @@
 """The check ``paper``: the short-horizon safety check of Sec. III, with its rules 1, 2 and 3."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from drl_av.compiled import borrowing, compiled, numbers
-from drl_av.config import Config, SafetyConfig
+from drl_av.compiled import borrowing, compiled
+from drl_av.config import Config, SafetyConfig, StrictConfig
 from drl_av.driving.actions import (
     ACCELERATE,
     BRAKE,
@@ -35,21 +35,8 @@ from drl_av.driving.scene import Scene
 from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Vehicles
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdict, Verdicts, WholeCheck
-from drl_av.safety.reachability import Ground, StrictNumbers
+from drl_av.safety.reachability import Ground
 from drl_av.safety.strict import strict_verdicts
-
-
-class SafetyNumbers(NamedTuple):
-    """The settings of the section ``safety`` that are numbers, for compiled functions."""
-
-    minimum_ttc_s: float
-    minimum_gap_m: float
-    hard_brake_ttc_s: float
-    brake_ttc_s: float
-    accelerate_ttc_s: float
-    printed_rule_1: bool
-    printed_rule_3: bool
-    printed_idm: bool
 
 
 def closing_speed(front: Neighbor) -> float:
@@ -65,7 +52,7 @@ def time_to_collision(gap_m: float, closing_m_s: float) -> float:
     return gap_m / closing_m_s if closing_m_s > 0 else math.inf
 
 
-def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig | SafetyNumbers) -> Any:
+def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
     """Whether the gap condition (eq. 3 of the paper) holds: gap_m - T_min * closing_m_s > d_TVmin.
 
     ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
@@ -81,7 +68,7 @@ def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
     return Longitudinal(safe_number(ttc_s, config))
 
 
-def safe_number(ttc_s: float, config: SafetyConfig | SafetyNumbers) -> int:
+def safe_number(ttc_s: float, config: SafetyConfig) -> int:
     """Return the number of ``safe_action``."""
     if ttc_s <= config.hard_brake_ttc_s:
         return HARD_BRAKE
@@ -92,7 +79,7 @@ class Paper(WholeCheck):
     """The three rules of Sec. III as a safety check; ``paper`` describes them."""
 
     def __init__(self, config: SafetyConfig) -> None:
-        self._config = numbers(SafetyNumbers, config)
+        self._config = config.numbers
 
     def verdicts(self, scene: Scene) -> Verdicts:
         """Return the verdicts of the three rules on all 12 actions."""
@@ -119,7 +106,7 @@ def paper_verdicts(
     codes: IntArray,
     origin: int,
     target: int,
-    safety: SafetyNumbers,
+    safety: SafetyConfig,
     executed: IntArray,
     rules: IntArray,
 ) -> None:
@@ -138,7 +125,7 @@ def paper_verdicts(
 
 
 def checked_longitudinal(
-    values: FloatArray, codes: IntArray, proposed: int, safety: SafetyNumbers
+    values: FloatArray, codes: IntArray, proposed: int, safety: SafetyConfig
 ) -> int:
     """Return the action after rule 1: gap condition (eq. 3) and safe action (eq. 4)."""
     gap_m, closing_m_s = values[0], -values[1]
@@ -156,7 +143,7 @@ def checked_lateral(
     origin: int,
     target: int,
     proposed: int,
-    safety: SafetyNumbers,
+    safety: SafetyConfig,
 ) -> tuple[int, int]:
     """Return the lateral action after rules 2 and 3, and the rule that replaced it."""
     still = origin == target
@@ -177,7 +164,7 @@ def checked_lateral(
     return (back, LANE_CHANGE) if goes_back else (proposed, 0)
 
 
-def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyNumbers) -> bool:
+def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyConfig) -> bool:
     """Whether rule 3 of the paper permits to be in the own (0), left (+1) or right (-1) lane.
 
     The gap condition (eq. 3) must hold for the vehicle ahead in the ego's lane, and for those ahead
@@ -191,7 +178,7 @@ def is_clear(values: FloatArray, codes: IntArray, sign: int, safety: SafetyNumbe
     )
 
 
-def clear_of(values: FloatArray, slot: int, direction: int, safety: SafetyNumbers) -> bool:
+def clear_of(values: FloatArray, slot: int, direction: int, safety: SafetyConfig) -> bool:
     """Whether the gap condition (eq. 3) holds in a slot; ``direction`` is -1 ahead, +1 behind."""
     return bool(gap_condition(values[4 * slot], direction * values[4 * slot + 1], safety))
 
@@ -209,7 +196,7 @@ class PaperBeforeLaneEnds(Paper):
 
     def __init__(self, config: Config) -> None:
         super().__init__(config.safety)
-        self._strict = numbers(StrictNumbers, config.strict)
+        self._strict = config.strict.numbers
         self._ego = ego_numbers(config.ego, config.simulation)
 
     def verdicts(self, scene: Scene) -> Verdicts:
@@ -231,8 +218,8 @@ def before_lane_ends(
     codes: IntArray,
     lanes: tuple[int, int],
     ground: Ground,
-    safety: SafetyNumbers,
-    strict: StrictNumbers,
+    safety: SafetyConfig,
+    strict: StrictConfig,
     ego: EgoNumbers,
     executed: IntArray,
     rules: IntArray,

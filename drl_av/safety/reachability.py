@@ -8,7 +8,7 @@ moves a vehicle by the speed that it has after the step.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,20 +23,6 @@ STILL_M_S = 0.01
 """A vehicle whose lateral speed is at most this counts as not moving sideways."""
 ON_LINE_M = 0.05
 """A centre within this distance of the marking between two lanes counts as being in both."""
-
-
-class StrictNumbers(NamedTuple):
-    """The settings of the section ``strict``, for compiled functions."""
-
-    braking_m_s2: float
-    acceleration_m_s2: float
-    lateral_speed_m_s: float
-    follower_response_s: float
-    follower_braking_m_s2: float
-    clearance_m: float
-
-
-Bounds = StrictConfig | StrictNumbers
 
 
 def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[Any, Any]:
@@ -85,7 +71,7 @@ def must_stay_behind(
 
 
 def stopping_limit(
-    gap_m: float, is_ahead: bool, speed_m_s: float, strict: Bounds, step_s: float
+    gap_m: float, is_ahead: bool, speed_m_s: float, strict: StrictConfig, step_s: float
 ) -> float:
     """Return the distance within which the ego must stop to stay behind a vehicle, metres.
 
@@ -101,7 +87,12 @@ def stopping_limit(
 
 
 def required_travel(
-    gap_m: float, is_ahead: bool, speed_m_s: float, delay_s: float, strict: Bounds, step_s: float
+    gap_m: float,
+    is_ahead: bool,
+    speed_m_s: float,
+    delay_s: float,
+    strict: StrictConfig,
+    step_s: float,
 ) -> float:
     """Return the distance, metres, that the ego must travel before it stands.
 
@@ -120,7 +111,7 @@ def required_travel(
     return rolled_m - gap_m + strict.clearance_m
 
 
-def accelerated(speed_m_s: Any, time_s: Any, strict: Bounds, step_s: float) -> Any:
+def accelerated(speed_m_s: Any, time_s: Any, strict: StrictConfig, step_s: float) -> Any:
     """Return the distance, metres, that a vehicle covers in ``time_s`` at its largest acceleration.
 
     It begins with ``speed_m_s`` and accelerates with ``strict.acceleration_m_s2``.
@@ -134,7 +125,7 @@ def stays_behind(
     speed_m_s: float,
     crosses_s: float,
     covered_m: Any,
-    strict: Bounds,
+    strict: StrictConfig,
     step_s: float,
 ) -> bool:
     """Whether a vehicle stays behind an ego that moves into its lane.
@@ -193,7 +184,7 @@ def distances_ahead(s_m: FloatArray, row: int, circumference_m: float) -> tuple[
     return ahead_m % circumference_m, ahead_m % circumference_m - circumference_m
 
 
-def nearest_barrier(ground: Ground, ends_m: tuple[float, float], strict: StrictNumbers) -> float:
+def nearest_barrier(ground: Ground, ends_m: tuple[float, float], strict: StrictConfig) -> float:
     """Return the distance within which the ego must stop before the barriers in a lateral range."""
     barriers, nearest_m = ground[2], np.inf
     for row in range(len(barriers)):

@@ -92,7 +92,7 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.compiled import compiled, numbers
+from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import (
     ACCELERATE,
@@ -118,7 +118,6 @@ from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck
 from drl_av.safety.reachability import (
     Ground,
-    StrictNumbers,
     corridor,
     covered,
     distances_ahead,
@@ -145,7 +144,7 @@ class Strict(WholeCheck):
                 f"ego.lateral_plant is {ego.lateral_plant!r}, but the check strict holds for "
                 f"'kinematic' only (the lemma corridor): take that, or {FALLBACK_CHECK}."
             )
-        self._strict, self._ego = numbers(StrictNumbers, strict), ego_numbers(ego, simulation)
+        self._strict, self._ego = strict.numbers, ego_numbers(ego, simulation)
 
     def verdicts(self, scene: Scene) -> Verdicts:
         """Return the verdicts on all 12 actions.
@@ -210,7 +209,7 @@ def start_is_safe(
     codes: IntArray,
     lanes: tuple[int, int],
     ground: Ground,
-    strict: StrictNumbers,
+    strict: StrictConfig,
     ego: EgoNumbers,
 ) -> bool:
     """Return whether ``strict`` can protect an episode that begins with this scene.
@@ -239,7 +238,7 @@ def strict_verdicts(
     codes: IntArray,
     lanes: tuple[int, int],
     ground: Ground,
-    strict: StrictNumbers,
+    strict: StrictConfig,
     ego: EgoNumbers,
     executed: IntArray,
     rules: IntArray,
@@ -284,7 +283,7 @@ def fallback_is_free(
     codes: IntArray,
     lanes: tuple[int, int],
     ground: Ground,
-    strict: StrictNumbers,
+    strict: StrictConfig,
     ego: EgoNumbers,
 ) -> bool:
     """Whether the invariant of ``strict`` holds; the arguments are those of ``strict_verdicts``."""
@@ -304,7 +303,7 @@ def free_distance(
     spans_m: FloatArray,
     ground: Ground,
     change: tuple[int, int],
-    strict: StrictNumbers,
+    strict: StrictConfig,
     ego: EgoNumbers,
 ) -> float:
     """Return the distance, metres, within which the ego must stop in a lane change or without it.
@@ -330,7 +329,7 @@ def permitted_with(
     ground: Ground,
     change: tuple[int, int],
     covered_m: FloatArray,
-    strict: StrictNumbers,
+    strict: StrictConfig,
     ego: EgoNumbers,
 ) -> int:
     """Return with which longitudinal actions the check permits a new lane change, as a bit set.

@@ -25,7 +25,6 @@ from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
 from threading import Lock
 from types import ModuleType
-from typing import IO
 
 from drl_av.config import Config
 from drl_av.errors import DisplayError, SimulationError
@@ -261,18 +260,7 @@ def _copied_file(file: Path, folder: Path, number: int) -> Iterator[str]:
     """
     anonymous = OPEN_FILES.is_dir()
     temporary = tempfile.TemporaryFile if anonymous else tempfile.NamedTemporaryFile
-    with file.open("rb") as source, temporary(dir=folder, suffix=file.suffix) as copy:
-        _copy(source, copy)
-        yield f"{OPEN_FILES}/{'./' * number}{copy.fileno()}" if anonymous else copy.name
-
-
-def _copy(source: IO[bytes], target: IO[bytes]) -> None:
-    """Copy an open file; copy_file_range shares the disk blocks if the file system supports it."""
-    try:
-        while os.copy_file_range(source.fileno(), target.fileno(), 2**30):
-            pass
-    except (AttributeError, OSError):  # another platform, or another file system
-        source.seek(0)
-        target.seek(0)
-        shutil.copyfileobj(source, target)
-        target.flush()
+    with temporary(dir=folder, suffix=file.suffix) as copy:
+        path = f"{OPEN_FILES}/{'./' * number}{copy.fileno()}" if anonymous else copy.name
+        shutil.copyfile(file, path)
+        yield path

@@ -10,7 +10,6 @@ from drl_av.twin.lane_choice import ask_for_room, keep_lateral_gap, limit_move, 
 from drl_av.twin.lane_speeds import is_open, is_seen, look_around, needs_thought, track
 from drl_av.twin.lateral_room import (
     FOLLOWER,
-    FOLLOWER_GAP,
     LAST_LEFT,
     LAST_RIGHT,
     LEFT_SPACE,
@@ -210,7 +209,7 @@ def look_behind(world: World, net: Net, k: int) -> None:
         near[FOLLOWER + 1 + d] = -1
         if is_seen(net, edge, own + d):
             j, gap_m = follower(world, net, k, own + d)
-            near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d] = j, gap_m
+            near[FOLLOWER + 1 + d], notes[FOLLOWER + 1 + d] = j, gap_m
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
     center = center_m(world, net, i)
     notes[SAFE_RIGHT] = center - half_m - net.edge_lanes[FIRST_LANE, edge] * net.lane_m

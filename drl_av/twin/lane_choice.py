@@ -13,12 +13,10 @@ from drl_av.twin.lane_speeds import keep_behind, speed_gain_of, weigh_gains
 from drl_av.twin.lateral_room import (
     BLOCKERS,
     FOLLOWER,
-    FOLLOWER_GAP,
     LAST_LEFT,
     LAST_RIGHT,
     LATERAL_GAP_M,
     LEADER,
-    LEADER_GAP,
     MANEUVER,
     MOVE,
     SAFE_LEFT,
@@ -96,7 +94,7 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
         ahead = near[LEADER + 2]
         fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
         if side > 0 and ahead >= 0 and fast and not world.near[OVERTAKES_RIGHT]:
-            keep_behind(world, i, ahead, notes[LEADER_GAP + 2])
+            keep_behind(world, i, ahead, notes[LEADER + 2])
         if own + side < net.first_open:
             state |= STAY | STRATEGIC
         if request != 0:
@@ -108,15 +106,9 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
                 notes[MOVE] = across_m
     if state & STAY:
         right, left = notes[SAFE_RIGHT], notes[SAFE_LEFT]
-        other = own + side
-        j, gap_m = near[LEADER + 1 + side], notes[LEADER_GAP + 1 + side]
-        right, left = update_gaps(
-            world, net, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
-        )
-        j, gap_m = near[FOLLOWER + 1 + side], notes[FOLLOWER_GAP + 1 + side]
-        right, left = update_gaps(
-            world, net, i, other, j, gap_m, right, left, LATERAL_GAP_M, False, 0.0
-        )
+        kept_m = LATERAL_GAP_M
+        for beside in (LEADER, FOLLOWER):
+            right, left = update_gaps(world, net, i, side, beside, right, left, kept_m, False, 0.0)
         notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
         return state
     if state & URGENT:
@@ -170,12 +162,12 @@ def ask_for_room(world: World, net: Net, i: int, side: int, seconds: float) -> i
     planned = world.x[SPEED_M_S, i]
     for bit, d in ((1, 0), (4, side)):
         if blockers & bit:
-            j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
+            j, gap_m = near[LEADER + 1 + d], notes[LEADER + 1 + d]
             planned = min(planned, inform_leader(world, i, side, blocked, j, gap_m, seconds))
     if planned >= 0:
         for bit, d in ((2, 0), (8, side)):
             if blockers & bit:
-                j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
+                j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER + 1 + d]
                 inform_follower(world, i, side, blocked, j, gap_m, seconds, planned)
     return blocked
 
@@ -223,7 +215,7 @@ def align(
 @inlined
 def keep_lateral_gap(world: World, net: Net, i: int, side: int, state: int) -> int:
     """Return the state after keeping a lateral gap to vehicles beside, and a begun request."""
-    notes, near, own = world.notes, world.near, world.z[LANE, i]
+    notes = world.notes
     blocked = state & (BLOCKED | OVERLAPPING)
     state &= ~(BLOCKED | OVERLAPPING)
     half_m = (world.x[WIDTH_M, i] + EPS) * 0.5
@@ -234,12 +226,8 @@ def keep_lateral_gap(world: World, net: Net, i: int, side: int, state: int) -> i
     kept_m = 0.0 if right < 0 or left < 0 else LATERAL_GAP_M
     net_m = -world.x[LENGTH_M, i] * 0.5
     for d in (0, side):
-        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
-        right, left = update_gaps(world, net, i, own + d, j, gap_m, right, left, kept_m, True, 0.0)
-        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
-        right, left = update_gaps(
-            world, net, i, own + d, j, gap_m, right, left, kept_m, True, net_m
-        )
+        right, left = update_gaps(world, net, i, d, LEADER, right, left, kept_m, True, 0.0)
+        right, left = update_gaps(world, net, i, d, FOLLOWER, right, left, kept_m, True, net_m)
         if side == 0:
             break
     body_right = right if notes[LAST_RIGHT] == math.inf else notes[LAST_RIGHT]

@@ -7,7 +7,7 @@ import numpy as np
 from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import CONGESTED_M_S, HELP_M_S, advise, its_follow_speed
 from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed, secure_gap
-from drl_av.twin.lateral_room import LEADER, LEADER_GAP, TINY_M, center_m, overlaps
+from drl_av.twin.lateral_room import LEADER, TINY_M, center_m, overlaps
 from drl_av.twin.neighbors import leader, reach_m
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
@@ -107,7 +107,7 @@ def look_around(world: World, net: Net, k: int) -> None:
         )
         gap_m = rear_m - MIN_GAP_M if j >= 0 else end_m - pos_m
         if abs(lane - own) <= 1:
-            near[LEADER + 1 + lane - own], world.notes[LEADER_GAP + 1 + lane - own] = j, gap_m
+            near[LEADER + 1 + lane - own], world.notes[LEADER + 1 + lane - own] = j, gap_m
         expect(world, i, lane, promised_speed(world, i, j, gap_m))
 
 

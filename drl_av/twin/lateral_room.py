@@ -50,11 +50,18 @@ HOLD = 2
 COUNTS = 1 << 40
 """Bit that tells of a neighbour that it matters for the move, and so is asked for room."""
 SAFE_RIGHT, SAFE_LEFT, LAST_RIGHT, LAST_LEFT, MOVE, MANEUVER, LEFT_SPACE = range(7)
-LEADER_GAP, FOLLOWER_GAP = 8, 11
-"""Columns of ``Worlds.notes``; the gaps have three each: right, own and left lane."""
-RELATED, RELATED_COUNT, LEADER, FOLLOWER, BLOCKERS = 0, 6, 8, 11, 7
-"""Columns of ``Worlds.near``: the vehicles that car following regards, their number or -1, the
-leaders and followers in the right, own and left lane, and a bit for each one that is in the way."""
+"""Columns of ``Worlds.notes``."""
+LEADER, FOLLOWER = 8, 11
+"""Columns of ``Worlds.near`` and of ``Worlds.notes``: the leaders and followers, and the gaps to
+them, three each: in the right, own and left lane."""
+RELATED, RELATED_COUNT, BLOCKERS = 0, 6, 7
+"""Columns of ``Worlds.near``: the vehicles that car following regards, their number or -1, and a
+bit for each leader or follower that is in the way."""
+BLOCKED_BY = (
+    (BLOCKED_BY_LEADER, BLOCKED_BY_LEFT_LEADER, BLOCKED_BY_RIGHT_LEADER),
+    (BLOCKED_BY_FOLLOWER, BLOCKED_BY_LEFT_FOLLOWER, BLOCKED_BY_RIGHT_FOLLOWER),
+)
+"""The flags of a leader and of a follower in the own lane (0), to the left (1) and right (-1)."""
 
 
 @inlined
@@ -127,8 +134,9 @@ def is_related(world: World, j: int) -> bool:
 
 
 @inlined
-def relate(world: World, net: Net, i: int, lane: int, j: int, gap_m: float) -> None:
-    """Remember the vehicle ``j`` if it is ahead or behind in a lane that the vehicle overlaps."""
+def relate(world: World, net: Net, i: int, d: int, beside: int) -> None:
+    """Remember the ``LEADER`` or ``FOLLOWER`` in lane ``d`` if the vehicle overlaps that lane."""
+    j, gap_m, lane = world.near[beside + 1 + d], world.notes[beside + 1 + d], world.z[LANE, i] + d
     if j < 0 or gap_m < 0 or is_related(world, j):
         return
     width_m = world.x[WIDTH_M, i] - EPS
@@ -150,19 +158,19 @@ def update_gaps(
     world: World,
     net: Net,
     i: int,
-    lane: int,
-    j: int,
-    gap_m: float,
+    d: int,
+    beside: int,
     room_right: float,
     room_left: float,
     kept_m: float,
     remembers: bool,
     net_m: float,
 ) -> tuple[float, float]:
-    """Return the lateral room to the right and left beside the vehicle ``j`` in ``lane``.
+    """Return the lateral room right and left beside the ``LEADER`` or ``FOLLOWER`` in lane ``d``.
 
     ``kept_m`` is the lateral gap to keep. With ``net_m`` only vehicles beside the front half count.
     """
+    j, gap_m, lane = world.near[beside + 1 + d], world.notes[beside + 1 + d], world.z[LANE, i] + d
     if j < 0 or gap_m > 0 or is_related(world, j):
         return room_right, room_left
     if net_m != 0.0 and not gap_m + MIN_GAP_M < net_m:
@@ -187,20 +195,13 @@ def update_gaps(
 
 @borrowing
 def is_blocking(
-    world: World,
-    net: Net,
-    i: int,
-    lane: int,
-    j: int,
-    gap_m: float,
-    move_m: float,
-    is_ahead: bool,
-    flag: int,
+    world: World, net: Net, i: int, d: int, beside: int, move_m: float, flag: int
 ) -> int:
-    """Return ``flag`` if the vehicle ``j`` in ``lane`` blocks a lateral move, else 0.
+    """Return ``flag`` if the ``LEADER`` or ``FOLLOWER`` in lane ``d`` blocks a move, else 0.
 
-    The result contains ``COUNTS`` if ``j`` matters at all.
+    The result contains ``COUNTS`` if that vehicle matters at all.
     """
+    j, gap_m, lane = world.near[beside + 1 + d], world.notes[beside + 1 + d], world.z[LANE, i] + d
     if j < 0 or is_related(world, j):
         return 0
     width_m = world.x[WIDTH_M, i] + EPS
@@ -215,7 +216,7 @@ def is_blocking(
         return 0 if before and not after else flag | OVERLAPPING | COUNTS
     if not after and world.z[IS_FULL, i]:
         return 0
-    behind, ahead = (i, j) if is_ahead else (j, i)
+    behind, ahead = (i, j) if beside == LEADER else (j, i)
     needed_m = secure_gap(
         world.x[SPEED_M_S, behind],
         world.x[SPEED_M_S, ahead],
@@ -232,23 +233,19 @@ def check_blocking(
     world: World, net: Net, i: int, side: int, kept_m: float, keeps_gap: bool
 ) -> int:
     """Return the flags of what blocks the move in ``notes``; shorten the move as far as needed."""
-    notes, near, lane = world.notes, world.near, world.z[LANE, i]
+    notes, near = world.notes, world.near
     move_m = max(min(notes[MOVE], STRIDE_M), -STRIDE_M)
     if near[RELATED_COUNT] < 0:
         near[RELATED_COUNT] = 0
         for d in (0, side):
-            other = lane + d
-            relate(world, net, i, other, near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d])
-            relate(world, net, i, other, near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d])
+            relate(world, net, i, d, LEADER)
+            relate(world, net, i, d, FOLLOWER)
             if side == 0:
                 break
     right, left = notes[SAFE_RIGHT], notes[SAFE_LEFT]
     for d in (0, side):
-        other = lane + d
-        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
-        right, left = update_gaps(world, net, i, other, j, gap_m, right, left, kept_m, False, 0.0)
-        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
-        right, left = update_gaps(world, net, i, other, j, gap_m, right, left, kept_m, False, 0.0)
+        for beside in (LEADER, FOLLOWER):
+            right, left = update_gaps(world, net, i, d, beside, right, left, kept_m, False, 0.0)
         if side == 0:
             break
     notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
@@ -268,25 +265,13 @@ def check_blocking(
     world.z[IS_FULL, i] = maneuver_m == 0 or move_m == maneuver_m
     blocked, fully, counted = 0, 0, 0
     for d in (0, side):
-        leader_flag, follower_flag = BLOCKED_BY_LEADER, BLOCKED_BY_FOLLOWER
-        if d < 0:
-            leader_flag, follower_flag = BLOCKED_BY_RIGHT_LEADER, BLOCKED_BY_RIGHT_FOLLOWER
-        elif d > 0:
-            leader_flag, follower_flag = BLOCKED_BY_LEFT_LEADER, BLOCKED_BY_LEFT_FOLLOWER
-        bit = 1 if d == 0 else 4
-        other = lane + d
-        j, gap_m = near[LEADER + 1 + d], notes[LEADER_GAP + 1 + d]
-        now = is_blocking(world, net, i, other, j, gap_m, move_m, True, leader_flag)
-        later = is_blocking(world, net, i, other, j, gap_m, maneuver_m, True, leader_flag)
-        counted |= bit if (now | later) & COUNTS else 0
-        blocked |= now
-        fully |= later
-        j, gap_m = near[FOLLOWER + 1 + d], notes[FOLLOWER_GAP + 1 + d]
-        now = is_blocking(world, net, i, other, j, gap_m, move_m, False, follower_flag)
-        later = is_blocking(world, net, i, other, j, gap_m, maneuver_m, False, follower_flag)
-        counted |= 2 * bit if (now | later) & COUNTS else 0
-        blocked |= now
-        fully |= later
+        for behind, beside in ((0, LEADER), (1, FOLLOWER)):
+            flag, bit = BLOCKED_BY[behind][d], (1 if d == 0 else 4) << behind
+            now = is_blocking(world, net, i, d, beside, move_m, flag)
+            later = is_blocking(world, net, i, d, beside, maneuver_m, flag)
+            counted |= bit if (now | later) & COUNTS else 0
+            blocked |= now
+            fully |= later
         if side == 0:
             break
     near[BLOCKERS] = counted

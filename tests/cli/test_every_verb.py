@@ -86,4 +86,6 @@ def leave_unfinished(path: Path) -> None:
     """Leave half a file beside ``path``, as a process that is killed while it writes it does."""
     with subprocess.Popen([sys.executable, "-c", ""]) as dead:
         dead.wait()
-    path.with_name(f".{path.stem}.{dead.pid}.unfinished{path.suffix}").write_text("half")
+    folder = path.with_name(f".{path.stem}.{dead.pid}.unfinished{path.suffix}")
+    folder.mkdir()
+    (folder / path.name).write_text("half")

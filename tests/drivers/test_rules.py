@@ -1,5 +1,7 @@
 """The drivers by rule that the paper compares with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -88,7 +90,7 @@ def test_idm_sumo_lets_a_lane_change_run_whatever_sumo_wishes_meanwhile() -> Non
     world = changing(origin=1, target=2, seconds=2)
     for wish in (1, -1, 0):
         shot = scene(wish=wish).snapshot
-        assert act(IdmSumoDriver(CONFIG), world._replace(snapshot=shot)).lateral is Lateral.KEEP
+        assert act(IdmSumoDriver(CONFIG), replace(world, snapshot=shot)).lateral is Lateral.KEEP
 
 
 def drawn(driver: RandomDriver, seed: int, number: int = 50) -> list[int]:

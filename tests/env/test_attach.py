@@ -252,7 +252,7 @@ HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
             {"driver": drl_av.load_driver("sumo"), "config": {"driver": {"hold_s": 2.0}}},
             "SUMO drives the vehicle already",
         ),
-        ((), CAR, {"driver": 3}, r"driver is a int, but must be a name, a path, .* start\(seed\)"),
+        ((), CAR, {"driver": 3}, r"driver is a int, but must be an object with start\(seed\)"),
         (
             (),
             CAR,

@@ -22,7 +22,7 @@ CHANGE = LaneChange(0, 1)
 
 
 def at(time_s: float, given: Scene) -> Scene:
-    return given._replace(snapshot=given.snapshot._replace(time_s=time_s))
+    return replace(given, snapshot=given.snapshot._replace(time_s=time_s))
 
 
 def measured(*scenes: Scene) -> CriticalityResult:
@@ -120,6 +120,12 @@ def test_the_lateral_jerk_is_the_change_of_the_lateral_acceleration() -> None:
     found = [(motion.a_y_m_s2, motion.j_x_m_s3, motion.j_y_m_s3) for motion in metrics.motions]
     wanted = [(0.5, 0.0, 0.0), (0.2, -1.0, -0.3), (-0.6, -2.0, -0.8)]
     assert found == [pytest.approx(each) for each in wanted]
+    # the yaw rate of the first decision is the change of the direction, atan(0.5 / 23)
+    first, second, _ = metrics.motions
+    assert first.yaw_rate_rad_s == pytest.approx(math.atan(0.5 / 23))
+    assert first.yaw_acceleration_rad_s2 == 0.0
+    change = math.atan(0.7 / 25) - 2 * math.atan(0.5 / 23)
+    assert second.yaw_acceleration_rad_s2 == pytest.approx(change)
 
 
 def test_a_short_headway_is_below_a_second_at_the_speed_afterwards() -> None:
@@ -141,7 +147,7 @@ def test_only_a_lane_change_forces_the_vehicle_behind_to_brake(
 
 
 def renamed(given: Scene, names: Sequence[str]) -> Scene:
-    return given._replace(snapshot=given.snapshot._replace(ids=("ego", *names)))
+    return replace(given, snapshot=given.snapshot._replace(ids=("ego", *names)))
 
 
 def test_vehicles_are_the_same_by_name_and_not_by_row() -> None:

@@ -1,6 +1,5 @@
 """A recorded episode comes back to the last bit, or says why it does not."""
 
-import io
 import json
 import re
 import tracemalloc
@@ -270,13 +269,6 @@ def test_a_recording_that_expands_without_end_is_refused_before(tmp_path: Path) 
     tracemalloc.start()
     with pytest.raises(RecordingError, match="it unpacks to more than 1000 MB"):
         load_recording(tmp_path / "bomb.npz")
-    header = io.BytesIO()
-    shape = {"descr": "<f8", "fortran_order": False, "shape": (10**10,)}
-    np.lib.format.write_array_header_1_0(header, shape)
-    with zipfile.ZipFile(tmp_path / "liar.npz", "w") as archive:
-        archive.writestr("states.npy", header.getvalue() + bytes(80))
-    with pytest.raises(RecordingError, match=r"states\.npy is smaller than it says"):
-        load_recording(tmp_path / "liar.npz")
     assert tracemalloc.get_traced_memory()[1] < 50_000_000
     tracemalloc.stop()
 

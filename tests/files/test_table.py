@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drl_av import files
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.files import (
@@ -152,22 +151,6 @@ def test_a_number_that_is_drawn_is_at_most_a_billion(tmp_path: Path, number: str
         read_table(path, {"speed_m_s": PlainNumber})
     table(tmp_path, "speed_m_s\n-1e9\n")
     assert read_table(path, {"speed_m_s": PlainNumber}) == [{"speed_m_s": -1e9}]
-
-
-def test_a_table_that_memory_cannot_hold_is_refused_before_it_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = table(tmp_path, HEADER)
-    with path.open("r+b") as file:
-        file.truncate(512_000_001)  # sparse: it takes no room on the disk
-    with pytest.raises(DrlAvError, match="larger than 512 MB: split it"):
-        read_rows(path, Drive)
-    monkeypatch.setattr(files.table, "MAX_ROWS", 2)
-    assert len(read_rows(table(tmp_path, HEADER + 2 * LINE), Drive)) == 2
-    with pytest.raises(DrlAvError, match="more than 2 rows: split it"):
-        read_rows(table(tmp_path, HEADER + 3 * LINE), Drive)
-    with pytest.raises(DrlAvError, match=r"first line of the table .* is longer than 100000 bytes"):
-        read_rows(table(tmp_path, "a," * 60_000 + "\n" + LINE), Drive)
 
 
 def test_a_huge_cell_is_refused_in_a_short_sentence(tmp_path: Path) -> None:

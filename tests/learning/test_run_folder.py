@@ -273,9 +273,8 @@ def test_a_new_run_is_on_the_disk_before_it_has_its_name(
     *contents, folder, name, home = tape
     for file in ("config.toml", "episodes.csv", "evaluations.csv", "checkpoint.safetensors"):
         assert f"fsync {file}" in contents
-    assert folder.endswith(".unfinished")
-    made = folder.removeprefix("fsync ")
-    assert (name, home) == (f"rename {made} to run", f"fsync {tmp_path.name}")
+    assert folder == "fsync run"
+    assert (name, home) == ("rename run to run", f"fsync {tmp_path.name}")
 
 
 @pytest.mark.parametrize(

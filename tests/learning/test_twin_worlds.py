@@ -16,8 +16,13 @@ from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
 from drl_av.errors import RunError
 from drl_av.files import locked
 from drl_av.learning.large_scale import learner_of, train_at_scale
-from drl_av.learning.twin_worlds import Part, TwinWorlds
-from drl_av.learning.whole_road import PLACES_M, look_at_whole_road, whole_road_size
+from drl_av.learning.twin_worlds import (
+    PLACES_M,
+    Part,
+    TwinWorlds,
+    look_at_whole_road,
+    whole_road_size,
+)
 from drl_av.road.compiled_road import road_numbers
 from drl_av.road.snapshot import Snapshot
 from drl_av.twin.worlds import COUNT, DESIRED_M_S, EXPECTED_M_S

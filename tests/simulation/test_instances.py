@@ -2,7 +2,7 @@
 
 import gc
 import multiprocessing
-import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -202,17 +202,16 @@ def test_a_forked_child_drives_on_and_so_does_its_parent(make: Make) -> None:
 
 
 KILLED = """
-import os, signal
+import os, shutil, signal
 from drl_av.env.highway import HighwayEnv
-from drl_av.simulation import start_sumo
-def copy_and_be_killed(source, target, copy=start_sumo._copy):
+def copy_and_be_killed(source, target, copy=shutil.copyfile):
     copy(source, target)
     os.kill(os.getpid(), signal.SIGKILL)
 envs = [HighwayEnv() for _ in range(3)]
 envs[0].reset(seed=1)
 envs[1].reset(seed=1)
 print("driving", flush=True)
-start_sumo._copy = copy_and_be_killed
+shutil.copyfile = copy_and_be_killed
 envs[2].reset(seed=1)
 """
 
@@ -230,7 +229,6 @@ def test_where_open_files_have_no_path_a_copy_is_a_file_until_it_is_loaded(
 ) -> None:
     before = {*INSTALLED.iterdir()}
     monkeypatch.setattr(start_sumo, "OPEN_FILES", Path("/no/such/folder"))
-    monkeypatch.delattr(os, "copy_file_range")
     wanted = [alone(1), alone(2)]
     assert interleaved(drive(make(), 1), drive(make(), 2)) == wanted
     assert {*INSTALLED.iterdir()} == before
@@ -242,7 +240,7 @@ def test_if_libsumo_cannot_be_copied_the_error_of_the_second_names_a_remedy(
     def full(*files: object) -> None:
         raise OSError("No space left on device")
 
-    monkeypatch.setattr(start_sumo, "_copy", full)
+    monkeypatch.setattr(shutil, "copyfile", full)
     first, second = make(), make()
     wanted = alone(2)
     begun = drive(first, 1)

@@ -5,8 +5,6 @@ Kolmanovsky 2017; the control in each state is ours. The functions decide for on
 arrays that ``indicators`` has filled for it.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from drl_av.config import Config, FiniteStateConfig
@@ -19,33 +17,13 @@ CRUISE, FOLLOW, LANE_CHANGE = range(3)
 """The states of a vehicle in the finite-state machine."""
 
 
-class FiniteStateNumbers(NamedTuple):
-    """The settings of the section ``finite_state``, for compiled functions."""
-
-    follow_headway_s: float
-    cruise_headway_s: float
-    headway_s: float
-    standstill_gap_m: float
-    slow_leader_m_s: float
-    worthwhile_gain_m_s: float
-    lane_change_gap_m: float
-    lane_change_time_s: float
-    speed_gain_per_s: float
-    gap_gain_per_s2: float
-    braking_m_s2: float
-    acceleration_m_s2: float
-
-
-Settings = FiniteStateConfig | FiniteStateNumbers
-
-
 def finite_state(
     values: FloatArray,
     codes: IntArray,
     lane_width_m: float,
     state: int,
     desired_m_s: float,
-    config: Settings,
+    config: FiniteStateConfig,
 ) -> tuple[int, float, int]:
     """Return the next state, the acceleration, m/s^2, and the wanted lane change of a vehicle.
 
@@ -76,7 +54,7 @@ def looks_aside(
     lane_width_m: float,
     state: int,
     desired_m_s: float,
-    config: Settings,
+    config: FiniteStateConfig,
 ) -> bool:
     """Return whether ``finite_state`` depends on more of the scene than the vehicle ahead."""
     changing = abs(values[25] - codes[LANE] * lane_width_m) > CENTERED_M
@@ -84,7 +62,9 @@ def looks_aside(
     return changing or (follows and is_slow(values, desired_m_s, config))
 
 
-def longitudinal_state(values: FloatArray, codes: IntArray, state: int, config: Settings) -> int:
+def longitudinal_state(
+    values: FloatArray, codes: IntArray, state: int, config: FiniteStateConfig
+) -> int:
     """Return FOLLOW near the vehicle ahead, else CRUISE, with a hysteresis."""
     headway_s = config.follow_headway_s if state == CRUISE else config.cruise_headway_s
     near_m = config.standstill_gap_m + headway_s * values[24]
@@ -92,7 +72,7 @@ def longitudinal_state(values: FloatArray, codes: IntArray, state: int, config: 
 
 
 def wanted_side(
-    values: FloatArray, codes: IntArray, state: int, desired_m_s: float, config: Settings
+    values: FloatArray, codes: IntArray, state: int, desired_m_s: float, config: FiniteStateConfig
 ) -> int:
     """Return the lane change that a vehicle wants: +1 left, -1 right, 0 none."""
     if state != FOLLOW or not is_slow(values, desired_m_s, config):
@@ -104,13 +84,13 @@ def wanted_side(
     return 1 if left >= right else -1
 
 
-def is_slow(values: FloatArray, desired_m_s: float, config: Settings) -> bool:
+def is_slow(values: FloatArray, desired_m_s: float, config: FiniteStateConfig) -> bool:
     """Return whether the vehicle ahead is slow."""
     slow: bool = values[24] + values[1] < desired_m_s - config.slow_leader_m_s
     return slow
 
 
-def clear(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> bool:
+def clear(values: FloatArray, codes: IntArray, sign: int, config: FiniteStateConfig) -> bool:
     """Return whether a lane exists and its gaps are large enough to enter it."""
     front, found = slot_of(sign), has_lane(codes, sign)
     for slot, direction in ((front, -1.0), (front + 1, 1.0)):
@@ -120,14 +100,14 @@ def clear(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> b
     return found
 
 
-def gain(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> float:
+def gain(values: FloatArray, codes: IntArray, sign: int, config: FiniteStateConfig) -> float:
     """Return the gain in speed of a change to a lane, m/s; inf if the lane is free."""
     far_m, front = config.standstill_gap_m + config.cruise_headway_s * values[24], slot_of(sign)
     faster_m_s: float = values[4 * front + 1] - values[1]
     return np.inf if gap_in(values, codes, front) > far_m else faster_m_s
 
 
-def behind(values: FloatArray, codes: IntArray, sign: int, config: Settings) -> float:
+def behind(values: FloatArray, codes: IntArray, sign: int, config: FiniteStateConfig) -> float:
     """Return the acceleration that keeps the headway in a lane, m/s^2; inf if it is free."""
     front = slot_of(sign)
     kept_m = config.standstill_gap_m + config.headway_s * values[24]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import borrowing, numbers
+from drl_av.compiled import borrowing
 from drl_av.config import Config, Level0Config, SafetyConfig
 from drl_av.drivers.network import LEAK, Float32Array, Layers, leaky_relu
 from drl_av.drivers.policy_file import load_run
@@ -18,7 +18,7 @@ from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane
 from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.road.road import CENTERED_M, FloatArray, Road
-from drl_av.safety.paper import SafetyNumbers, is_clear
+from drl_av.safety.paper import is_clear
 
 LEVELS = {k: Path(__file__).parents[2] / "pretrained" / f"level_{k}" for k in (1, 2)}
 """Folders of the shipped level-1 and level-2 policies, in the layout of a run's folder."""
@@ -32,15 +32,7 @@ LEVEL_0 = (
 the column is the change of this gap (it shrinks, is stable, grows)."""
 
 
-class Level0Numbers(NamedTuple):
-    """The settings of the section ``level_0``, for compiled functions."""
-
-    close_m: float
-    nominal_m: float
-    stable_m_s: float
-
-
-def level_0(values: FloatArray, codes: IntArray, config: Level0Config | Level0Numbers) -> int:
+def level_0(values: FloatArray, codes: IntArray, config: Level0Config) -> int:
     """Return the number of the longitudinal action of a level-0 driver, by the table LEVEL_0.
 
     ``values`` and ``codes`` are those of ``indicators``. The driver makes no lane changes.
@@ -68,7 +60,7 @@ class LevelKNumbers(NamedTuple):
     """These four as in ``ObservationScale``, by the config of the training."""
     acceleration_m_s2: FloatArray
     """That of each action, shape (12,)."""
-    safety: SafetyNumbers
+    safety: SafetyConfig
     units: int
     """The number of units of the widest layer, the inputs included."""
 
@@ -80,7 +72,7 @@ NO_LEVEL_K = LevelKNumbers(
     scale=np.zeros(0),
     bounds=np.zeros(0, np.float32),
     acceleration_m_s2=np.zeros(0),
-    safety=numbers(SafetyNumbers, SafetyConfig()),
+    safety=SafetyConfig().numbers,
     units=0,
 )
 """Takes the place of the driver in traffic without any; its types are the usual ones."""
@@ -98,7 +90,7 @@ def level_k_numbers(layers: Layers, config: Config, road: Road) -> LevelKNumbers
         acceleration_m_s2=np.array(
             [action.longitudinal.acceleration_m_s2(config.ego) for action in ACTIONS], np.float64
         ),
-        safety=numbers(SafetyNumbers, config.safety),
+        safety=config.safety.numbers,
         units=max(size for weight, _ in layers for size in weight.shape),
     )
 

@@ -8,19 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drl_av.compiled import borrowing, numbers
-from drl_av.config import Config
+from drl_av.compiled import borrowing
+from drl_av.config import Config, FiniteStateConfig, Level0Config
 from drl_av.config.traffic import STANDSTILL_GAP_M
-from drl_av.drivers.background.finite_state import (
-    CRUISE,
-    FiniteStateNumbers,
-    HardBraking,
-    finite_state,
-    looks_aside,
-)
+from drl_av.drivers.background.finite_state import CRUISE, HardBraking, finite_state, looks_aside
 from drl_av.drivers.background.level_k import (
     NO_LEVEL_K,
-    Level0Numbers,
     LevelKNumbers,
     level_0,
     level_k,
@@ -53,8 +46,8 @@ class TrafficNumbers(NamedTuple):
 
     road: RoadNumbers
     range_m: float
-    machine: FiniteStateNumbers
-    table: Level0Numbers
+    machine: FiniteStateConfig
+    table: Level0Config
     level_1: LevelKNumbers
     level_2: LevelKNumbers
     ego: EgoNumbers
@@ -75,8 +68,8 @@ def traffic_numbers(config: Config, road: Road, vehicle_types: VehicleTypes) -> 
     return TrafficNumbers(
         road=road_numbers(road),
         range_m=float(config.observation.range_m),
-        machine=numbers(FiniteStateNumbers, config.finite_state),
-        table=numbers(Level0Numbers, config.level_0),
+        machine=config.finite_state.numbers,
+        table=config.level_0.numbers,
         level_1=load_level_k(road, 1) if has_1 else NO_LEVEL_K,
         level_2=load_level_k(road, 2) if has_2 else NO_LEVEL_K,
         ego=ego_numbers(config.ego, timing),

@@ -12,18 +12,12 @@ import z3
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drl_av.compiled import compiled, numbers
-from drl_av.config import Config
+from drl_av.compiled import compiled
+from drl_av.config import Config, StrictConfig
 from drl_av.driving.actions import Longitudinal, ego_numbers
 from drl_av.road.road import FloatArray
 from drl_av.safety import reachability, strict
-from drl_av.safety.reachability import (
-    StrictNumbers,
-    accelerated,
-    lateral_extent,
-    required_travel,
-    stopping_limit,
-)
+from drl_av.safety.reachability import accelerated, lateral_extent, required_travel, stopping_limit
 from verification.proofs import lateral, motion
 from verification.proofs.argument import argument
 from verification.proofs.followers import seconds_to_line
@@ -44,7 +38,7 @@ def largest_of_arrays(terms: Any) -> Any:
 
 def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> None:
     rng, a, sim = np.random.default_rng(5), IN_FLOATS, CONFIG.simulation
-    bounds = numbers(StrictNumbers, CONFIG.strict)
+    bounds = CONFIG.strict.numbers
     for _ in range(50):
         ego, other = 30 * rng.random(20_000), 60 * rng.random(20_000)
         ego[::7], other[::7] = np.round(ego[::7]), np.round(other[::7])  # where pieces meet
@@ -72,7 +66,7 @@ def test_the_closed_forms_are_the_pieces_of_the_model_on_a_million_states() -> N
 
 
 @compiled
-def limits(gap_m: FloatArray, speed_m_s: FloatArray, bounds: StrictNumbers) -> FloatArray:
+def limits(gap_m: FloatArray, speed_m_s: FloatArray, bounds: StrictConfig) -> FloatArray:
     """``stopping_limit`` of many vehicles ahead."""
     found = np.empty(len(gap_m))
     for row in range(len(gap_m)):
@@ -82,7 +76,7 @@ def limits(gap_m: FloatArray, speed_m_s: FloatArray, bounds: StrictNumbers) -> F
 
 @compiled
 def travels(
-    gap_m: FloatArray, speed_m_s: FloatArray, delay_s: float, bounds: StrictNumbers
+    gap_m: FloatArray, speed_m_s: FloatArray, delay_s: float, bounds: StrictConfig
 ) -> FloatArray:
     """``required_travel`` of many vehicles behind."""
     found = np.empty(len(gap_m))
