@@ -11,7 +11,8 @@ import numpy as np
 from drl_av.config import Config
 from drl_av.config.presets import adaptation as adapted
 from drl_av.evaluation.figure_style import one_panel
-from drl_av.evaluation.statistics import mean_with_interval, moving_average
+from drl_av.evaluation.figures import moving_average
+from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.road.road import FloatArray
 from studies.learning_curves import MIXED, Curve, curve, reporting_plan
 from studies.options import Options, Plan, Program

@@ -39,7 +39,7 @@ BIN = 5_000
 SETTINGS: dict[str, Any] = {}
 """Settings of the agent that differ from the defaults of sb3-contrib: none."""
 EVALUATION_SEED = 930_000
-"""First traffic seed of the evaluation; no other table, and no tuning, uses this block of seeds."""
+"""First traffic seed of the evaluation; besides it only ``twin_equality`` uses these seeds."""
 
 
 class Decided(NamedTuple):

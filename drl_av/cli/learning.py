@@ -47,8 +47,8 @@ def add_train_options(parser: argparse.ArgumentParser) -> None:
     replay = f"one of: {', '.join(REPLAYS)} (default: the preset's)"
     add_text(parser, "--replay", "KIND", replay)
     add_env_options(parser, "the preset's", zips=False)
-    add_flag(parser, "--resume", "continue a run that was stopped")
-    add_flag(parser, "--tensorboard", "also write TensorBoard events into the folder")
+    add_flag(parser, "--resume", "continue a run of Algorithm 1 that was stopped")
+    add_flag(parser, "--tensorboard", "Algorithm 1: also write TensorBoard events into the folder")
 
 
 def add_adapt_options(parser: argparse.ArgumentParser) -> None:
@@ -195,9 +195,9 @@ def adapt(options: argparse.Namespace) -> int:
     if spec.run is None:
         raise ConfigError(
             f"{word} is not a driver that drl-av trained: give a run's folder, "
-            "or leave it out for the driver that ships with drl-av."
+            "or leave it out for pretrained-paper, which ships with drl-av."
         )
-    policy = find_policy(spec.run)
+    policy = find_policy(spec.run, "pretrained-paper")
     if is_actor(policy):
         raise ConfigError(
             f"{word} learned by PPO, which has no continual adaptation: give a driver of Algorithm "

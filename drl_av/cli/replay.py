@@ -200,6 +200,11 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         pairs = zip(recordings, files, strict=True)
         recordings = [_on_moved_road(one, file, options.scenario) for one, file in pairs]
     for file, recording in zip(files, recordings, strict=True):
+        if options.fcd and recording.config.simulation.world == "twin":
+            raise RecordingError(
+                f"{file} was recorded in the twin, and SUMO's floating car data (--fcd) come from "
+                "SUMO: record the episode anew there, or take --parquet."
+            )
         _refuse_settings(options, file, recording.config.safety.check)
     sessions = [replay_session(recording, custom) for recording in recordings]
     require_same_traffic(sessions)

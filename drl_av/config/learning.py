@@ -17,8 +17,8 @@ class LearningConfig(Section):
     episodes: N_e, episodes of a training (Sec. IV-C)
     discount: gamma, discount (Table I)
     learning_rate: step size of Adam; 0 learns nothing (Sec. IV-C)
-    learning_rate_end_fraction: learning rate in the last episode as a share of the first; it falls
-        linearly (ours)
+    learning_rate_end_fraction: learning rate at the end of the last episode as a share of the
+        first; it falls linearly, episode by episode (ours)
     hidden_units: units in each hidden layer (Sec. IV-C)
     epsilon_start: probability of a random action in the first episode (Sec. IV-C)
     epsilon_end: probability of a random action after its decrease (Sec. IV-C)

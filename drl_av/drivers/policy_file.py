@@ -187,14 +187,16 @@ def save_policy(path: Path, network: QNetwork, config: Config) -> None:
     save(path, network.tensors(), {"kind": "policy", "config": config.to_toml()})
 
 
-def find_policy(path: Path) -> Path:
+def find_policy(path: Path, shipped: str = "pretrained") -> Path:
     """Return ``path/policy.safetensors`` if ``path`` is a folder of a run, else ``path`` itself.
+
+    ``shipped`` is the shipped driver that the message of an error recommends.
 
     Raises:
         RunError: there is no such run or file, the run has not saved a policy yet, or the file is
             of another kind.
     """
-    remedy = "give a run's folder that has a policy.safetensors, or pretrained, the shipped driver"
+    remedy = f"give a run's folder that has a policy.safetensors, or the shipped {shipped}"
     file = path / "policy.safetensors" if path.is_dir() else path
     if path in SHIPPED.values() and not file.is_file():
         raise RunError(

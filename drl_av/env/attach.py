@@ -17,7 +17,7 @@ from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.custom import custom_check, with_check
 from drl_av.env.observation import default_groups, observation_function
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, SimulationError
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Command, Snapshot
 from drl_av.safety import named_check
@@ -52,13 +52,15 @@ def attach(
     Raises:
         ConfigError: the step length does not divide a second, SUMO has no lateral resolution, the
             driver is SUMO itself or no driver, or an assumption of ``strict`` does not hold here.
-        SimulationError: there is no such vehicle, or its lanes differ in width.
+        SimulationError: SUMO does not run, there is no such vehicle, or its lanes differ in width.
     """
     if not hasattr(connection, "simulation"):
         raise ConfigError(
             f"connection is {connection!r}, but must be the module libsumo or traci, or a "
             "connection of traci, in which SUMO runs."
         )
+    if not getattr(connection, "isLoaded", lambda: True)():  # a connection of traci lacks it
+        raise SimulationError("SUMO does not run in this connection: start it first.")
     step_s = float(connection.simulation.getDeltaT())
     resolution_m = float(connection.simulation.getOption("lateral-resolution"))
     if resolution_m <= 0.0:

@@ -143,7 +143,7 @@ def evaluate(
         SimulationError: SUMO ended unexpectedly.
     """
     given = vehicles if isinstance(vehicles, Iterable) else [vehicles]
-    numbers = [] if vehicles is None else list(given)
+    numbers: list[Any] = [] if vehicles is None else list(given)
     if vehicles is not None and not numbers:
         raise ConfigError("vehicles names no number of vehicles: name one, or leave it out.")
     for number in numbers:

@@ -21,9 +21,9 @@ from drl_av.evaluation.statistics import (
     PairedGain,
     grouped,
     mean_with_interval,
-    moving_average,
 )
 from drl_av.files import PlainNumber, read_table
+from drl_av.road.road import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,6 +55,20 @@ OTHER_STYLES = [(color, mark) for mark in ("D", "P", "X", "*", "p", "h") for col
 UNBOUNDED = (-math.inf, math.inf)
 APART = 0.15
 """Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
+
+
+def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
+    """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
+
+    ``values`` and ``episodes`` have shape (rows,). The value of a row is the mean over the episodes
+    since the previous row; ``episodes`` holds the last episode of each row. A row counts only if
+    all of its episodes are within the window.
+    """
+    counts = np.diff(episodes, prepend=0.0)
+    sums = np.concatenate(([0.0], np.cumsum(values * counts)))
+    ends = np.concatenate(([0.0], episodes))
+    begins = np.searchsorted(ends, episodes - over)
+    return np.asarray((sums[1:] - sums[begins]) / (episodes - ends[begins]))
 
 
 def learning_figure(

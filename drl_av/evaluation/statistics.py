@@ -94,20 +94,6 @@ def gain(
     return mean_with_interval(differences, (seed for *_, seed in ours))
 
 
-def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
-    """Return the moving average of ``values`` over the last ``over`` episodes, shape (rows,).
-
-    ``values`` and ``episodes`` have shape (rows,). The value of a row is the mean over the episodes
-    since the previous row; ``episodes`` holds the last episode of each row. A row counts only if
-    all of its episodes are within the window.
-    """
-    counts = np.diff(episodes, prepend=0.0)
-    sums = np.concatenate(([0.0], np.cumsum(values * counts)))
-    ends = np.concatenate(([0.0], episodes))
-    begins = np.searchsorted(ends, episodes - over)
-    return np.asarray((sums[1:] - sums[begins]) / (episodes - ends[begins]))
-
-
 class Speed(NamedTuple):
     """The mean speed of one driver in one episode."""
 

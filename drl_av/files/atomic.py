@@ -1,6 +1,7 @@
 """Atomic writing: a file or folder is replaced completely, or it stays unchanged; and hashes."""
 
 import contextlib
+import errno
 import glob
 import hashlib
 import os
@@ -216,6 +217,8 @@ def _sync_folder(folder: Path) -> None:
 
 def _refused(path: Path, refusal: OSError, error: type[DrlAvError]) -> DrlAvError:
     """Return an error that says why ``path`` cannot be written, and what the user can do."""
+    if refusal.errno == errno.ENOTEMPTY:
+        return error(f"{path} has been made meanwhile, with files in it: choose another folder.")
     return error(
         f"{path} cannot be written ({refusal.strerror or refusal}): free some space, or choose a "
         "folder that exists and may be written to; what was there before is unchanged."

@@ -215,7 +215,9 @@ def require_new(folder: Path, resumable: bool = False) -> None:
             f"{folder} names a file, but a run's folder cannot end in {folder.suffix}: choose "
             "another name."
         )
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and not folder.is_dir():
+        raise RunError(f"{folder} is a file: choose a folder with --out.")
+    if folder.exists() and any(folder.iterdir()):
         continues = resumable and not (folder / AT_SCALE).exists()
         remedy = "continue it with --resume, or " if continues else ""
         raise RunError(f"{folder} exists already: {remedy}choose another folder with --out.")

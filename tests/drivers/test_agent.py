@@ -258,7 +258,8 @@ def test_an_agent_of_the_wide_observation_is_told_to_drive_with_it(tmp_path: Pat
     env = HighwayEnv(observation="wide")
     PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
     with pytest.raises(
-        CheckpointError, match=r"shape \(132,\) .*: drive with --observation wide \(observation=\), as"
+        CheckpointError,
+        match=r"shape \(132,\) .*: drive with --observation wide \(observation=\), as",
     ):
         loaded(tmp_path / "a.zip")
 

@@ -63,6 +63,15 @@ def test_a_collision_ends_the_episode_with_its_kind(
     info = until_over(made, action)
     assert (info["collision"], info["collided_with"]) == (kind.value, "other" if other else "")
     assert made.decisions == decisions
+    assert info["is_success"] is False
+
+
+def test_a_collision_in_the_last_decision_is_no_success(place: Place) -> None:
+    made = place(driven(100.0, 20.0, 0))
+    made.reset(seed=0)
+    made._most_decisions = 2  # it leaves the road in the second
+    info = until_over(made, RIGHT)
+    assert (made.decisions, info["is_success"]) == (2, False)
 
 
 def test_under_the_check_the_same_driver_does_none_of_this(place: Place) -> None:

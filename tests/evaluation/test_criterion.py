@@ -59,6 +59,16 @@ def test_episodes_of_one_seed_among_several_numbers_of_vehicles_count_as_one() -
     assert mine.criterion("speed").result == "undecided"
 
 
+def test_one_hit_more_than_the_safest_rule_is_no_pass_however_many_episodes() -> None:
+    # 1 of 2000 against 0 of 2000: surely less than 2 % more, but more
+    times = 500
+    mine = drives("mine", *FASTER, times=times)
+    mine[0] = replace(mine[0], collided=True, ego_hit=True)
+    found = judged(mine, rules(times)).criterion("collisions")
+    assert found.difference.high < 0.5
+    assert found.result == "undecided"
+
+
 def judged(rows: list[EpisodeResult], among: list[EpisodeResult]) -> module.CriterionResult:
     return {each.driver: each for each in judge([*rows, *among])}["mine"]
 

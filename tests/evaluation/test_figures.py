@@ -17,12 +17,13 @@ from drl_av.evaluation.figures import (
     STYLES,
     gain_figure,
     learning_figure,
+    moving_average,
     profile_figure,
     reward_figure,
     speed_figure,
     styles_of,
 )
-from drl_av.evaluation.statistics import gains_over_fastest, moving_average
+from drl_av.evaluation.statistics import gains_over_fastest
 from drl_av.evaluation.table import require_values, results_of
 from drl_av.files import read_table, write_table
 

@@ -31,6 +31,12 @@ ROWS = [
 ]
 
 
+def test_beside_a_group_another_driver_has_one_score_at_each_number_of_vehicles() -> None:
+    _, idm = overall(ROWS, ["idm"])
+    # the mean of 27 and 23; as two scores the interval would reach from 23 to 27
+    assert idm.speed_m_s == (25.0, -np.inf, np.inf)
+
+
 def test_the_interval_of_a_group_is_over_the_means_of_its_trainings() -> None:
     ppo, idm = summarize(ROWS)
     assert (ppo.driver, ppo.trainings, ppo.episodes) == ("ppo", 3, 6)

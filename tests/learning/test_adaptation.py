@@ -16,6 +16,7 @@ from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import SHIPPED, load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
+from drl_av.learning.run_folder import open_training, warm_start
 
 TRAINED = """
 [simulation]
@@ -303,3 +304,15 @@ def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
     Path("mine.py").write_text("def one(transition):\n    return -1.0\n")
     assert main(["adapt", "paid", "--out", "off", "--reward", "mine:one"]) == 1
     assert "another module of --reward mine:one, and its" in error_message(capsys)
+
+
+def test_an_adaptation_that_is_stopped_at_once_has_the_driver_that_it_began_with(
+    trained: Path, quick: str, tmp_path: Path
+) -> None:
+    config = adaptation(load_config(trained / "config.toml"))
+    policy = trained / "policy.safetensors"
+    with open_training(tmp_path / "a", config, prepare=lambda t: warm_start(t, policy)):
+        pass
+    before, after = (load(folder / "policy.safetensors")[0] for folder in (trained, tmp_path / "a"))
+    assert before.keys() == after.keys()
+    assert all(np.array_equal(before[name], after[name]) for name in before)

@@ -31,6 +31,14 @@ def test_a_batch_of_64_has_32_rows_of_each_buffer_however_rare_collisions_are():
     assert (batch.r_tp1[:32] >= 0.0).all()
 
 
+def test_the_share_of_collisions_is_rounded_to_the_nearest_number_of_rows():
+    drawn = [
+        (two_buffers(9, 9, fraction).sample(10, np.random.default_rng(0)).discount == 0.0).sum()
+        for fraction in (0.33, 0.37)
+    ]
+    assert drawn == [3, 4]
+
+
 @pytest.mark.parametrize(("safe", "collision", "expected"), [(5, 0, 0), (0, 5, 64), (5, 5, 64)])
 def test_the_other_buffer_stands_in_for_an_empty_one(safe, collision, expected):
     fraction = 1.0 if safe and collision else 0.5

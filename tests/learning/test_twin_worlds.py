@@ -13,7 +13,7 @@ from worlds import ROAD
 
 from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
-from drl_av.errors import RunError
+from drl_av.errors import DrlAvWarning, RunError
 from drl_av.files import locked
 from drl_av.learning.large_scale import learner_of, train_at_scale
 from drl_av.learning.twin_worlds import (
@@ -36,7 +36,7 @@ LARGE = (
     .updated("traffic", presets=("calm", "overtaking"), vehicles_min=2, vehicles_max=5)
 )
 TO_THE_EXIT = PRESETS["large-exit"]
-KEEP, ACCELERATE, HARD_BRAKE = 0, 1, 3
+KEEP, ACCELERATE, BRAKE, HARD_BRAKE = range(4)
 RIGHT_ACCELERATE, RIGHT_HARD_BRAKE, LEFT_ACCELERATE = 5, 7, 9
 """The numbers of some actions."""
 
@@ -231,6 +231,31 @@ def test_a_missed_exit_ends_the_episode_like_a_collision(egos_at_the_exit: TwinW
         missed += int(failed.sum())
         part.begin_anew(failed | late)
     assert missed > 6
+
+
+def test_an_exit_that_is_still_open_when_the_time_is_up_is_no_failure() -> None:
+    short = TO_THE_EXIT.updated("simulation", decisions_per_episode=4)
+    with pytest.warns(DrlAvWarning, match="in 4 decisions it drives at most 120 m"):
+        part = Part(slice(0, 6), short.with_traffic("calm"), seed=1)
+    for decision in range(4):
+        reward, failed, late = part.step(np.zeros(6, np.int64))
+        assert late.tolist() == [decision == 3] * 6
+        assert not failed.any()
+    assert set(part.env.ways) == {"exit missed"}
+    assert (reward > -4.0).all()  # not 100 less
+
+
+def test_the_first_braking_of_an_episode_reverses_nothing() -> None:
+    config = LARGE.updated("safety", check="permit_all").with_traffic("calm")
+    config = config.updated("traffic", vehicles_min=0, vehicles_max=0)
+    for anew, cost in ((True, 0.0), (False, LARGE.ppo.reversal_cost)):
+        part = Part(slice(0, 4), config, seed=1)
+        part.step(np.full(4, BRAKE))
+        part.step(np.full(4, ACCELERATE))
+        part.begin_anew(np.full(4, anew))
+        reward, *_ = part.step(np.full(4, BRAKE))
+        earned = (part.env.episodes.scene[:, 2, 0] - 20.0) / 10.0 - cost
+        assert reward == pytest.approx(earned, abs=1e-6)
 
 
 def test_the_same_seed_gives_the_same_worlds() -> None:
