@@ -173,7 +173,7 @@ def test_bad_settings_are_reported_with_the_file_and_a_remedy(
 
 def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["train", "--out", str(settings)]) == 1
-    assert "exists already" in error_message(capsys)
+    assert "settings.toml is a file: choose a folder with --out" in error_message(capsys)
     assert main(["train", "--out", str(settings / "run"), "--config", str(settings)]) == 1
     assert "run cannot be made (File exists)" in error_message(capsys)
     assert settings.read_text() == TINY

@@ -100,7 +100,10 @@ def test_a_folder_with_files_in_it_is_never_replaced(tmp_path: Path) -> None:
     place = tmp_path / "run"
     place.mkdir()
     (place / "mine").write_text("kept")
-    with pytest.raises(DrlAvError, match="not empty"), replacing(place) as unfinished:
+    with (
+        pytest.raises(DrlAvError, match="made meanwhile, with files in it: choose another"),
+        replacing(place) as unfinished,
+    ):
         unfinished.mkdir()
     assert (place / "mine").read_text() == "kept"
     assert list(tmp_path.iterdir()) == [place]
