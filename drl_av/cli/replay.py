@@ -165,6 +165,7 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     from drl_av.evaluation.recording import load_recording
     from drl_av.evaluation.replay import (
         ON_A_SHEET,
+        on_its_road,
         replay_session,
         require_same_traffic,
         worst_sessions,
@@ -182,7 +183,8 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     if tables:
         _refuse_settings(options, tables[0])
         count = ON_A_SHEET if options.sheet else 1
-        return worst_sessions(Path(tables[0]), options.worst, options.driver, custom, count)
+        given = options.worst, options.driver, custom, options.scenario
+        return worst_sessions(Path(tables[0]), *given, count)
     named = [] if options.driver is None else [options.driver]
     words = [*options.source, *named] or ["pretrained"]
     files = [word for word in words if _is_recording(Path(word))]
@@ -195,10 +197,11 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         )
     if not files:
         return _new_sessions(options, specs, custom)
-    recordings = [load_recording(Path(file)) for file in files]
-    if options.scenario is not None:
-        pairs = zip(recordings, files, strict=True)
-        recordings = [_on_moved_road(one, file, options.scenario) for one, file in pairs]
+    recordings = []
+    for file in files:
+        found = load_recording(Path(file))
+        config = on_its_road(found.config, file, options.scenario)
+        recordings.append(replace(found, config=config))
     for file, recording in zip(files, recordings, strict=True):
         if options.fcd and recording.config.simulation.world == "twin":
             raise RecordingError(
@@ -209,21 +212,6 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     sessions = [replay_session(recording, custom) for recording in recordings]
     require_same_traffic(sessions)
     return sessions
-
-
-def _on_moved_road(recording: "Recording", file: str, scenario: str) -> "Recording":
-    """Return the recording with the folder that its scenario has now; a replay finds a wrong one.
-
-    Raises RecordingError if its scenario is one that ships.
-    """
-    from drl_av.scenarios.folder import shipped_scenarios, with_scenario
-
-    was = recording.config.simulation.scenario
-    if was in shipped_scenarios():
-        raise RecordingError(
-            f"--scenario cannot be changed in {file}, whose scenario {was} ships: leave it out."
-        )
-    return replace(recording, config=with_scenario(recording.config, scenario))
 
 
 def _is_recording(path: Path) -> bool:
@@ -298,19 +286,9 @@ def _draw_sheet(options: argparse.Namespace, sessions: "Sequence[ReplaySession]"
 def _refuse_settings(options: argparse.Namespace, source: str, check: str | None = None) -> None:
     """Raise RecordingError if an option would change a recorded episode, driven under this check.
 
-    Only a check of the user's own has to be named again, as a file may run no code, and the
-    scenario of a recording (``check`` is not None) whose folder was moved.
+    Only a check of the user's own has to be named again, as a file may run no code.
     """
-    names = (
-        "seed",
-        "vehicles",
-        "decisions",
-        *(("scenario",) if check is None else ()),
-        "safety_check",
-        "traffic",
-        "config",
-        "world",
-    )
+    names = "seed", "vehicles", "decisions", "safety_check", "traffic", "config", "world"
     given = [name for name in names if getattr(options, name) not in (None, [])]
     is_own = options.safety_check is not None and is_factory(options.safety_check)
     if is_own and check in (None, options.safety_check):

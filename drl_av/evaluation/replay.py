@@ -27,7 +27,7 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.env.renderer import next_caption
 from drl_av.env.rollout import Watcher
 from drl_av.env.transition import Transition
-from drl_av.errors import ConfigError, RecordingError, printable
+from drl_av.errors import ConfigError, RecordingError, ScenarioError, printable
 from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import read_provenance
@@ -37,7 +37,12 @@ from drl_av.files import read_table
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
-from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.scenarios.folder import (
+    find_scenario,
+    load_scenario,
+    shipped_scenarios,
+    with_scenario,
+)
 from drl_av.simulation.sumo_options import option_words
 
 FCD_OPTIONS = (
@@ -184,6 +189,31 @@ def replay_session(recording: Recording, custom: CustomParts = NOTHING_CUSTOM) -
     )
 
 
+def on_its_road(config: Config, source: Path | str, scenario: str | None) -> Config:
+    """Return the config of recorded episodes with the folder in which their road is now.
+
+    ``scenario`` names it if it was moved; that it is another road, the replay finds out.
+
+    Raises:
+        RecordingError: the road is not where it was, or ``scenario`` is named although it ships.
+    """
+    was = config.simulation.scenario
+    if scenario is None:
+        try:
+            find_scenario(was)
+        except ScenarioError as error:
+            raise RecordingError(
+                f"{source} was driven on the road {was}, which is no longer there: name the folder "
+                "in which it is now with --scenario, or put the folder back there."
+            ) from error
+        return config
+    if was in shipped_scenarios():
+        raise RecordingError(
+            f"--scenario cannot be changed in {source}, whose scenario {was} ships: leave it out."
+        )
+    return with_scenario(config, scenario)
+
+
 def require_same_traffic(sessions: Sequence[ReplaySession]) -> None:
     """Raise RecordingError unless these episodes meet the same traffic on the same road."""
     met = [(one.seed, one.vehicles, one.config.simulation, one.config.traffic) for one in sessions]
@@ -202,12 +232,18 @@ TILE = (640, 360)
 
 
 def worst_sessions(
-    table: Path, column: str, word: str | None, custom: CustomParts, count: int
+    table: Path,
+    column: str,
+    word: str | None,
+    custom: CustomParts,
+    scenario: str | None,
+    count: int,
 ) -> list[ReplaySession]:
     """Return the sessions that drive the ``count`` worst episodes of a table again.
 
     ``column`` is the column whose value makes an episode bad. ``word`` names a driver as on the
-    command line; only its episodes count then. ``custom`` holds the user's parts.
+    command line; only its episodes count then. ``custom`` holds the user's parts, and ``scenario``
+    is the folder of the table's road if it was moved.
 
     Raises:
         ConfigError: there is no such column, no episode of the driver ``word``, or the driver of an
@@ -220,6 +256,7 @@ def worst_sessions(
         kind = CriticalityResult if rows and "driven_m" in rows[0] else EpisodeResult
         results = results_of(rows, kind)
         config = stored_config(read_provenance(beside, table)["settings"], beside.name)
+    config = on_its_road(config, table, scenario)
     numbers = [name for name, value in vars(results[0]).items() if not isinstance(value, str)]
     if column not in numbers:
         raise ConfigError(

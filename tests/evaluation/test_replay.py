@@ -323,7 +323,13 @@ def test_a_recording_on_a_road_that_was_moved_is_replayed_there(
     own = ["replay", "idm", "--scenario", "mine", "--vehicles", "3", "--decisions", "4"]
     assert main([*own, "--record", "own.npz"]) == 0
     assert main(["replay", "own.npz", "--scenario", "mine", *page]) == 0
+    driven = ["idm", "--scenario", "mine", "--vehicles", "3", "--episodes", "1"]
+    assert main(["evaluate", *driven, "--out", "own.csv"]) == 0
+    worst = ["replay", "own.csv", "--worst", "min_ttc_s", *page]
     Path("mine").rename("moved")
+    assert main(worst) == 1
+    assert "name the folder in which it is now with --scenario" in capsys.readouterr().err
+    assert main([*worst, "--scenario", "moved"]) == 0
     assert main(["replay", "own.npz", *page]) == 1
     assert "or put the folder back there" in capsys.readouterr().err
     assert main(["scenario", "mine"]) == 0
@@ -334,6 +340,8 @@ def test_a_recording_on_a_road_that_was_moved_is_replayed_there(
     assert main(["scenario", "another"]) == 0
     assert main(["replay", "own.npz", "--scenario", "another", *page]) == 1
     assert "another scenario" in capsys.readouterr().err
+    assert main([*worst, "--scenario", "another"]) == 1
+    assert "differs from its row" in capsys.readouterr().err
     assert main(["replay", "idm", "--decisions", "2", "--record", "shipped.npz"]) == 0
     assert main(["replay", "shipped.npz", "--scenario", "moved", *page]) == 1
     assert "--scenario cannot be changed in shipped.npz" in capsys.readouterr().err
