@@ -32,8 +32,6 @@ class Row(NamedTuple):
     traffic: str
     gain_m_s: float
     """Mean over 5 to 25 vehicles of the difference of the mean speeds, paired by traffic seed."""
-    half_width_m_s: float
-    """Half of the gain's 95 % interval."""
     ego_hits: int
 
 
