@@ -273,7 +273,10 @@ def values_of(rows: Frame, column: str) -> list[Any]:
 
 
 def _strata(rows: Frame, column: str) -> list[Any]:
-    return [own.to_numpy() for _, own in rows.sort_values("seed").groupby("vehicles")[column]]
+    return [
+        own.to_numpy()
+        for _, own in rows.sort_values("seed", kind="stable").groupby("vehicles")[column]
+    ]
 
 
 def traffic_of(rows: Frame) -> list[str]:

@@ -133,7 +133,7 @@ def print_overall(overalls: Sequence["Overall"], title: str) -> None:
     unit = "trainings" if (trainings := _of_trainings(overalls)) else "episodes"
     caption = (
         f"over all numbers of vehicles: interquartile mean{beside}, with 95 % intervals by the "
-        f"stratified bootstrap of {unit}{trainings.removeprefix(', over trainings')}"
+        f"bootstrap of {unit}{trainings.removeprefix(', over trainings')}"
     )
     _show(title, {"driver": [each.driver for each in overalls]}, values, caption)
 

@@ -4,9 +4,7 @@ These libraries pickle a part of an agent, and a pickle can run any code. This m
 the classes of these libraries, torch, numpy and gymnasium that an agent consists of.
 """
 
-import base64
 import importlib
-import io
 import json
 import pickle
 import re
@@ -22,6 +20,7 @@ import numpy.typing as npt
 
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
+from drl_av.drivers.safe_pickle import Foreign, is_pickled, part_of_agent, unpickled
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS
 from drl_av.driving.scene import Scene
@@ -45,47 +44,10 @@ _LIBRARIES = {
     "sb3_contrib.common.maskable.policies": "sb3_contrib",
 }
 """The library of an agent, by the module of the policy class in its zip file."""
-_CLASSES = re.compile(
-    r"gymnasium\.spaces\.\w+:(Box|Discrete|Dict)"
-    r"|torch\.nn\.modules\.activation:\w+|torch\.optim\.\w+:(Adam|AdamW|RMSprop|SGD)"
-    r"|stable_baselines3\.(common|dqn)\.policies:\w+"
-    r"|stable_baselines3\.common\.torch_layers:\w+"
-    r"|stable_baselines3\.common\.sb2_compat\.rmsprop_tf_like:RMSpropTFLike"
-    r"|stable_baselines3\.common\.vec_env\.vec_normalize:VecNormalize"
-    r"|stable_baselines3\.common\.running_mean_std:RunningMeanStd"
-    r"|sb3_contrib\.(qrdqn|common\.maskable)\.policies:\w+"
-    r"|numpy:(dtype|ndarray)|numpy\.random\._pcg64:PCG64|collections:OrderedDict"
-    r"|numpy\.random\.bit_generator:SeedSequence"
-)
-_FUNCTIONS = re.compile(
-    r"numpy\.(_core|core)\.(multiarray:(_reconstruct|scalar)|numeric:_frombuffer)"
-    r"|numpy\.random\._pickle:(__generator_ctor|__bit_generator_ctor)"
-    r"|numpy\.random\.bit_generator:__pyx_unpickle_SeedSequence"
-)
-"""What a pickle may name, as ``module:name``: these classes, and these functions of numpy."""
-
-
 INDICATOR_SHAPES = {(len(INDICATORS),), (len(INDICATORS + ROUTE_INDICATORS),)}
 """Those of the indicators, without ``observation.way`` and with it."""
 _NOT_NEGATIVE = [row for row, name in enumerate(INDICATORS) if name.endswith("_d_x")]
 """The gaps in an observation."""
-
-
-class _Foreign(pickle.UnpicklingError):
-    """A pickle names something that no agent of these libraries needs."""
-
-
-class _Unpickler(pickle.Unpickler):
-    """Unpickles the classes and functions that an agent consists of, and nothing else."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Return the class or function of this name; raise _Foreign if it is not a known one."""
-        word = f"{module}:{name}"
-        if _CLASSES.fullmatch(word) or _FUNCTIONS.fullmatch(word):
-            found = getattr(importlib.import_module(module), name)
-            if isinstance(found, type) or _FUNCTIONS.fullmatch(word):
-                return found
-        raise _Foreign(f"it needs {module}.{name}")
 
 
 class MaskedAgent(Driver):
@@ -116,12 +78,8 @@ class NormalizedDriver(Driver):
         return self._driver.act(scene, self._normalize(observation))
 
 
-Shape = tuple[int, ...] | None
-"""The shape of an observation; None if it is no array, such as a dictionary."""
-
-
 def driver_of_agent(
-    path: Path, shape: Shape, is_own: bool, check: Callable[[], SafetyCheck]
+    path: Path, observed: int, own: Any | None, check: Callable[[], SafetyCheck]
 ) -> Driver:
     """Load an agent that stable-baselines3 or sb3-contrib saved; the driver acts deterministically.
 
@@ -130,8 +88,8 @@ def driver_of_agent(
 
     Args:
         path: The zip file.
-        shape: The shape of the environment's observations.
-        is_own: Whether these are the user's own, and not the indicators in their usual order.
+        observed: Number of indicators in an observation.
+        own: The space of the environment's observations if they are the user's own, else None.
         check: Returns the safety check of the environment, of which MaskablePPO gets the mask.
 
     Raises:
@@ -142,12 +100,12 @@ def driver_of_agent(
     module = _policy_module(path, data)
     library = _library(path, _LIBRARIES[module])
     observes, acts = (_safe(path, data, name) for name in ("observation_space", "action_space"))
-    _require_spaces(path, observes, acts, shape)
-    normalize = _normalization(path, data, observes, is_own)
+    _require_spaces(path, observes, acts, observed, own)
+    normalize = _normalization(path, data, observes, own)
     policy_class, kwargs = _own_parts(path, data)
-    _require_size(path, kwargs, int(np.prod(shape or ())))
+    _require_size(path, kwargs, int(np.prod(observes.shape or ())))
     try:
-        stored = {name: None for name, value in data.items() if _is_pickled(value)}
+        stored = {name: None for name, value in data.items() if is_pickled(value)}
         _, tensors, _ = library.load_from_zip_file(path, custom_objects=stored, device="cpu")
         policy = policy_class(observes, acts, _no_learning, **kwargs)
         policy.load_state_dict(tensors["policy"])
@@ -224,24 +182,10 @@ def _library(path: Path, library: str) -> Any:
         return importlib.import_module("stable_baselines3.common.save_util")
 
 
-def _is_pickled(value: object) -> bool:
-    return isinstance(value, dict) and ":serialized:" in value
-
-
-def _part(data: Mapping[str, Any], name: str, loads: Callable[[bytes], Any]) -> Any:
-    """Return a part of an agent, unpickled by ``loads`` if it is pickled."""
-    value = data[name]
-    return loads(base64.b64decode(value[":serialized:"])) if _is_pickled(value) else value
-
-
-def _known(pickled: bytes) -> Any:
-    return _Unpickler(io.BytesIO(pickled)).load()
-
-
 def _safe(path: Path, data: Mapping[str, Any], name: str) -> Any:
     """Return a part of an agent of known classes; raise CheckpointError if it has others."""
     try:
-        return _part(data, name, _known)
+        return part_of_agent(data, name, unpickled)
     except Exception as error:  # a damaged pickle raises anything
         raise CheckpointError(
             f"{path} has no readable {name} ({_squeezed(error)}): save the agent again with the "
@@ -253,8 +197,8 @@ def _own_parts(path: Path, data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]
     """Return the class of the policy and its arguments; warn before code of the file can run."""
     names = ("policy_class", "policy_kwargs")
     try:
-        policy_class, kwargs = (_part(data, name, _known) for name in names)
-    except _Foreign as foreign:
+        policy_class, kwargs = (part_of_agent(data, name, unpickled) for name in names)
+    except Foreign as foreign:
         warnings.warn(
             f"{path} is loaded by running code that it names ({foreign}): stop here with Ctrl-C "
             "unless you trust the file.",
@@ -262,7 +206,7 @@ def _own_parts(path: Path, data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]
             stacklevel=2,
         )
         try:
-            policy_class, kwargs = (_part(data, name, pickle.loads) for name in names)
+            policy_class, kwargs = (part_of_agent(data, name, pickle.loads) for name in names)
         except Exception as error:  # the file's own code
             raise CheckpointError(
                 f"{path} cannot be loaded ({_squeezed(error)}): put the module with its classes "
@@ -273,28 +217,47 @@ def _own_parts(path: Path, data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]
     return policy_class, dict(kwargs or {})
 
 
-def _require_spaces(path: Path, observes: Any, acts: Any, shape: Shape) -> None:
+def _require_spaces(path: Path, observes: Any, acts: Any, observed: int, own: Any | None) -> None:
     """Raise CheckpointError unless an agent has the environment's observations and actions."""
+    here = (observed,) if own is None else own.shape
     spaces = observes.shape, getattr(acts, "n", None)
-    if spaces == (shape, len(ACTIONS)):
+    fits = spaces[0] == here if own is None else _is_alike(observes, own)
+    if fits and spaces[1] == len(ACTIONS):
         return
     remedy = "use PolicyDriver(policy, observe) in Python"
-    frames, rest = divmod(int(np.prod(spaces[0] or ())), max(int(np.prod(shape or ())), 1))
-    if shape and spaces[0] and frames > 1 and not rest:
+    frames, rest = divmod(int(np.prod(spaces[0] or ())), observed)
+    if spaces == ((WIDE_SIZE,), len(ACTIONS)):
+        remedy = "drive with --observation wide (observation=), as in its training"
+    elif own is None and spaces[0] and frames > 1 and not rest:
         remedy = (
             f"these are {frames} stacked observations, so give a factory module:function whose "
             f"driver stacks the last {frames}"
         )
-    elif spaces == ((WIDE_SIZE,), len(ACTIONS)):
-        remedy = "drive with --observation wide (observation=), as in its training"
-    elif spaces[1] == len(ACTIONS) and {spaces[0], shape} == INDICATOR_SHAPES:
+    elif spaces[1] == len(ACTIONS) and {spaces[0], here} == INDICATOR_SHAPES:
         remedy = f"set observation.way as in its training, or {remedy}"
     elif spaces[1] == len(ACTIONS):
         remedy = "name the observation of its training (--observation, observation=), if any"
+    was, now = (each or "of a dictionary" for each in (spaces[0], here))
     raise CheckpointError(
-        f"{path} was trained with observations of shape {spaces[0]} and {spaces[1]} actions, "
-        f"but drives with {shape} and {len(ACTIONS)} here: {remedy}."
+        f"{path} was trained with observations of shape {was} and {spaces[1]} actions, "
+        f"but drives with {now} and {len(ACTIONS)} here: {remedy}."
     )
+
+
+def _is_alike(observes: Any, here: Any) -> bool:
+    """Whether an agent of one space can observe another; images may have their channels first."""
+    from gymnasium.spaces import Box, Dict
+
+    if isinstance(here, Dict):
+        return (
+            isinstance(observes, Dict)
+            and {**observes}.keys() == {**here}.keys()
+            and all(_is_alike(observes[key], here[key]) for key in here)
+        )
+    if isinstance(here, Box):
+        shapes = here.shape, (*here.shape[-1:], *here.shape[:-1])
+        return isinstance(observes, Box) and observes.shape in shapes
+    return bool(observes == here)
 
 
 def _require_size(path: Path, kwargs: Mapping[str, Any], inputs: int) -> None:
@@ -309,51 +272,67 @@ def _require_size(path: Path, kwargs: Mapping[str, Any], inputs: int) -> None:
 
 
 def _normalization(
-    path: Path, data: Mapping[str, Any], observes: Any, is_own: bool
+    path: Path, data: Mapping[str, Any], observes: Any, own: Any | None
 ) -> Callable[[Any], Any] | None:
     """Return the normalization with which an agent was trained by VecNormalize, or None.
 
     Raises:
-        CheckpointError: its statistics are missing or damaged, or another wrapper has changed the
-            observations of the training.
+        CheckpointError: its statistics are missing or damaged, another wrapper has changed the
+            observations of the training, or that cannot be told.
     """
     known = data.get("_last_original_obs") is not None
     by_library = known and "replay_buffer_class" not in data  # algorithms with one always know it
-    if known and not by_library and not _are_raw(path, data, "_last_obs", observes, is_own):
+    beside = statistics_file(path)
+    if own is not None and not _is_bounded(own):  # all values can be raw ones
+        if beside and not by_library:
+            raise CheckpointError(
+                f"{path} does not tell whether it was trained with VecNormalize, whose statistics "
+                f"are in {beside}: move them away if not, or give a factory module:function whose "
+                "driver applies them."
+            )
+        return _vec_normalize(path, observes) if by_library else None
+    if known and not by_library and not _are_raw(path, data, "_last_obs", observes, own):
         by_library = True
     last = "_last_original_obs" if by_library else "_last_obs"
-    if not _are_raw(path, data, last, observes, is_own):
+    if not _are_raw(path, data, last, observes, own):
         raise CheckpointError(
             f"{path} was trained on observations outside the bounds of this environment, as "
             "gymnasium's NormalizeObservation makes them, and does not hold the statistics: give a "
             "factory module:function whose driver applies the same normalization."
         )
     if by_library:
-        return _vec_normalize(path, observes.shape)
-    if file := statistics_file(path):
+        return _vec_normalize(path, observes)
+    if beside:
         warnings.warn(
             f"{path} was not trained with VecNormalize, so it observes raw values; the statistics "
-            f"in {file} are not used.",
+            f"in {beside} are not used.",
             DrlAvWarning,
             stacklevel=2,
         )
     return None
 
 
-def _are_raw(path: Path, data: Mapping[str, Any], name: str, observes: Any, is_own: bool) -> bool:
+def _is_bounded(space: Any) -> bool:
+    """Whether an observation is an array with finite bounds."""
+    from gymnasium.spaces import Box
+
+    return isinstance(space, Box) and bool(np.isfinite([space.low, space.high]).all())
+
+
+def _are_raw(
+    path: Path, data: Mapping[str, Any], name: str, observes: Any, own: Any | None
+) -> bool:
     """Whether the last observations of a training can be ones of the environment.
 
     Normalized ones often lie within its bounds, but hardly ever without a negative gap.
     """
-    if observes.shape is None:  # a dictionary
-        return True
-    if not (np.isfinite(observes.low).all() and np.isfinite(observes.high).all()):
+    if not _is_bounded(observes):
         return False
     seen = None if data.get(name) is None else np.asarray(_safe(path, data, name))
-    if seen is None or seen.shape[-1:] != observes.shape:
+    if seen is None or seen.shape[-len(observes.shape) :] != observes.shape:
         return True
     low = observes.low - 1e-4
-    if not is_own:
+    if own is None:
         low[_NOT_NEGATIVE] = -1e-4
     return bool(((seen >= low) & (seen <= observes.high + 1e-4)).all())
 
@@ -366,8 +345,10 @@ def statistics_file(path: Path) -> Path | None:
     return next((place for place in places if place.is_file()), None)
 
 
-def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:
+def _vec_normalize(path: Path, observes: Any) -> Callable[[Any], Any]:
     """Read the statistics of VecNormalize beside an agent's file; return the normalization."""
+    from gymnasium.spaces import Dict
+
     file = statistics_file(path)
     if file is None:
         raise CheckpointError(
@@ -377,11 +358,15 @@ def _vec_normalize(path: Path, shape: tuple[int, ...]) -> Callable[[Any], Any]:
     try:
         if file.stat().st_size > MAX_UNPACKED:
             raise ValueError(f"it is larger than {MAX_UNPACKED // 10**6} MB")
-        found = _known(file.read_bytes())
+        found = unpickled(file.read_bytes())
         normalize: Callable[[Any], Any] = found.normalize_obs
-        made = normalize(np.zeros(shape, np.float32))
-        if made.shape != shape or not np.isfinite(made).all():
-            raise ValueError(f"it normalizes observations of another shape than {shape}")
+        made = normalize(observes.sample())
+        parts = {**made} if isinstance(observes, Dict) else {"": made}
+        spaces = {**observes} if isinstance(observes, Dict) else {"": observes}
+        if any(part.shape != spaces[name].shape for name, part in parts.items()):
+            raise ValueError(f"it normalizes observations of another shape than {observes}")
+        if not all(np.isfinite(part).all() for part in parts.values()):
+            raise ValueError("it makes numbers that are not finite")
     except Exception as error:  # a damaged or foreign pickle raises anything
         raise CheckpointError(
             f"{file} holds no statistics of VecNormalize for {path.name} ({_squeezed(error)}): "

@@ -6,10 +6,11 @@ The source is a user's Python function, the zip file of a stable-baselines3 agen
 import glob
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.functions import import_function, require_function
-from drl_av.drivers.agent import Shape, driver_of_agent, statistics_file
+from drl_av.drivers.agent import driver_of_agent, statistics_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.onnx import OnnxDriver
 from drl_av.errors import ConfigError
@@ -48,10 +49,10 @@ def require_driver(driver: Driver, what: str, name: str) -> None:
     require_function(driver.act, f"The method act of the driver {name!r}", "scene", "observation")
 
 
-LOADERS: dict[str, Callable[[Path, Shape, bool, Callable[[], SafetyCheck]], Driver]] = {
+LOADERS: dict[str, Callable[[Path, int, Any, Callable[[], SafetyCheck]], Driver]] = {
     ".zip": driver_of_agent,
-    ".onnx": lambda path, shape, is_own, check: OnnxDriver(
-        path, shape[0] if shape and len(shape) == 1 else 0
+    ".onnx": lambda path, observed, own, check: OnnxDriver(
+        path, observed if own is None else own.shape[0] if len(own.shape or ()) == 1 else 0
     ),
 }
 """The function that loads a driver from a file; the key is the file's suffix.

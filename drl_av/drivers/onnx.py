@@ -267,8 +267,8 @@ def _session(path: Path, observed: int) -> Run:
     own = "indicators" in session.get_modelmeta().custom_metadata_map
     if own and observed != len(INDICATORS):
         raise CheckpointError(
-            f"{path} observes {len(INDICATORS)} indicators, but observation.way adds others here: "
-            "drive it with observation.way = false."
+            f"{path} observes the {len(INDICATORS)} indicators alone: drive it without "
+            "--observation (observation=), and with observation.way = false."
         )
     if set(names) == {"observation", "action_mask"}:
         raise CheckpointError(

@@ -70,8 +70,13 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
     try:
         with safe_open(path, "numpy") as file:
             header = (file.metadata() or {}).get(FORMAT)
+            if header is None:
+                raise CheckpointError(
+                    f"{path} is a safetensors file, but not one of this version of drl-av, whose "
+                    f"format is {FORMAT!r}: train again, or read it with the version that wrote it."
+                )
             tensors: State = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        stored = json.loads(header or '{"metadata": "{}", "sha256": ""}')
+        stored = json.loads(header)
         text, expected = str(stored["metadata"]), stored["sha256"]
         metadata = dict(json.loads(text))
     except OSError as error:
@@ -83,11 +88,6 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
             f"{path} is cut short, damaged, or no checkpoint at all ({error}): take an older copy "
             "or train again."
         ) from error
-    if header is None:
-        raise CheckpointError(
-            f"{path} is a safetensors file, but not one of this version of drl-av, whose format "
-            f"is {FORMAT!r}: train again, or read it with the version that wrote it."
-        )
     if checksum(tensors, text) != expected:
         raise CheckpointError(
             f"{path} is damaged, its checksum does not match its contents: take an older copy or "

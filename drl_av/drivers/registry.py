@@ -17,7 +17,6 @@ from drl_av.config.functions import is_factory
 from drl_av.config.presets import PRESETS, as_config
 from drl_av.config.section import did_you_mean
 from drl_av.drivers import policy_file
-from drl_av.drivers.agent import Shape
 from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
@@ -333,15 +332,12 @@ def make_drivers(
             drivers[name] = spec.own
         elif not spec.is_external:
             drivers[name] = rule_driver(_without_check(name), driven_by)
-    shape: Shape = (len(observed_indicators(config.observation)),)
-    if own_observation is not None:
-        shape = own_observation.shape
+    observed = len(observed_indicators(config.observation))
     for spec in specs:  # at the end: a zip file is not loaded if another driver is refused
         if spec.is_external and spec.run is not None:
             load = LOADERS[spec.run.suffix.lower()]
-            drivers[spec.name] = load(
-                spec.run, shape, own_observation is not None, partial(its_check, spec)
-            )
+            its = spec.run, observed, own_observation
+            drivers[spec.name] = load(*its, partial(its_check, spec))
         if config.driver.hold_s and not isinstance(drivers[spec.name], SumoDriver):
             drivers[spec.name] = SteadyDriver(drivers[spec.name], its_check(spec), config)
     return {spec.name: drivers[spec.name] for spec in specs}

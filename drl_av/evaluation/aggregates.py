@@ -54,7 +54,8 @@ def interquartile_mean(strata: Strata) -> Estimate:
     _require_scores(strata)
     random = np.random.default_rng(SEED)
     places = {
-        count: random.integers(0, count, (RESAMPLES, count)) for count in sorted(map(len, strata))
+        count: random.integers(0, count, (RESAMPLES, count))
+        for count in sorted({*map(len, strata)})
     }
     drawn = [scores[places[len(scores)]] for scores in strata]
     resampled = _middle_mean(np.concatenate(drawn, axis=1))
@@ -84,7 +85,7 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
     times = [
         {
             count: random.multinomial(count, np.full(count, 1 / count), RESAMPLES)
-            for count in sorted(map(len, strata))
+            for count in sorted({*map(len, strata)})
         }
         for strata in (ours, theirs)
     ]

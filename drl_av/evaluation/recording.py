@@ -148,7 +148,10 @@ def _parts(path: Path) -> dict[str, npt.NDArray[Any]]:
     with np.load(path, allow_pickle=False) as file:
         if sum(member.file_size for member in file.zip.infolist()) > MAX_UNPACKED:
             raise ValueError(f"it unpacks to more than {MAX_UNPACKED // 10**6} MB")
-        return dict(file)
+        parts = dict(file)
+    if others := [name for name, part in parts.items() if not isinstance(part, np.ndarray)]:
+        raise ValueError(f"its part {printable(others[0])} is no array")
+    return parts
 
 
 def _require_episode(recording: Recording) -> None:

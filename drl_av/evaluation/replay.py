@@ -269,7 +269,11 @@ def worst_sessions(
     worst = sorted(chosen, key=lambda row: sign * getattr(row, column))[:count]
     specs = _specs({row.driver: row.group for row in worst}, given)
     check = None if custom.safety_check is None else custom_check(custom.safety_check, config)
-    drivers = make_drivers(list(specs.values()), config, check)
+    seen = None
+    if custom.observation is not None:
+        with closing(HighwayEnv(config=config, observation=custom.observation)) as env:
+            seen = env.observation_space
+    drivers = make_drivers(list(specs.values()), config, check, seen)
     sessions = []
     for row in worst:
         spec = specs[row.driver]

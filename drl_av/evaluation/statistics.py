@@ -49,9 +49,10 @@ class Mean(NamedTuple):
 def mean_with_interval(values: Iterable[float], seeds: Iterable[int] | None = None) -> Mean:
     """Compute a mean with its 95 % confidence interval (Student's t).
 
-    The values are independent, or as far as their ``seeds`` differ: episodes of one traffic seed
-    among different numbers of vehicles are alike (Cameron and Miller 2015, "A Practitioner's Guide
-    to Cluster-Robust Inference"). The half-width is infinite for a single value or seed.
+    The values are independent; with ``seeds``, only those of different seeds are: the episodes of
+    one traffic seed among different numbers of vehicles are alike (Cameron and Miller 2015, "A
+    Practitioner's Guide to Cluster-Robust Inference"). The half-width is infinite for a single
+    value or seed.
     """
     from scipy.special import stdtrit  # scipy.stats takes half a second to import
 

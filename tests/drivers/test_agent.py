@@ -24,8 +24,8 @@ from worlds import ALONE
 import drl_av
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.drivers import agent as module
 from drl_av.drivers.agent import driver_of_agent
+from drl_av.drivers.safe_pickle import Unpickler
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, DrlAvWarning
@@ -46,7 +46,7 @@ class Bomb:
 
 
 def loaded(path: Path) -> Any:
-    return driver_of_agent(path, (27,), False, lambda: permit_all)
+    return driver_of_agent(path, 27, None, lambda: permit_all)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +162,7 @@ def test_an_agent_without_code_of_its_own_is_read_without_any(
 def test_a_pickle_may_not_name_other_things(word: str) -> None:
     found, name = word.split(":")
     with pytest.raises(pickle.UnpicklingError):
-        module._Unpickler(io.BytesIO()).find_class(found, name)
+        Unpickler(io.BytesIO()).find_class(found, name)
 
 
 def test_an_encrypted_zip_and_a_bomb_are_one_sentence(saved: Path, tmp_path: Path) -> None:
@@ -282,9 +282,25 @@ class Named(Gaps):
         return {"gaps": super().__call__(scene)}
 
 
-@pytest.mark.parametrize(
-    "observation", [Gaps(), Named(), ("ego", "own_front", "own_rear"), "wide"], ids=range(4)
-)
+class Unbounded(Gaps):
+    """The same without bounds, as most users write it."""
+
+    space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+
+
+class Lane(Gaps):
+    """The number of the ego's lane."""
+
+    space = gymnasium.spaces.Discrete(4)
+
+    def __call__(self, scene: Scene) -> Any:
+        return scene.affordances.lane
+
+
+OBSERVATIONS = Gaps(), Named(), Unbounded(), Lane(), ("ego", "own_front", "own_rear"), "wide"
+
+
+@pytest.mark.parametrize("observation", OBSERVATIONS, ids=range(6))
 def test_an_agent_of_any_observation_drives_with_it(observation: Any, tmp_path: Path) -> None:
     env = HighwayEnv(config=SHORT, observation=observation)
     policy = "MultiInputPolicy" if isinstance(observation, Named) else "MlpPolicy"
@@ -303,6 +319,39 @@ def test_an_agent_of_any_observation_drives_with_it(observation: Any, tmp_path: 
         over = terminated or truncated
     env.close()
     assert found[0].mean_reward == pytest.approx(np.mean(rewards), rel=1e-12)
+
+
+def test_statistics_of_an_observation_without_bounds_are_used_or_asked_about(
+    tmp_path: Path,
+) -> None:
+    for kind, policy in ((Unbounded(), "MlpPolicy"), (Named(), "MultiInputPolicy")):
+        env = VecNormalize(DummyVecEnv([lambda k=kind: HighwayEnv(config=SHORT, observation=k)]))
+        model = PPO(policy, env, device="cpu", n_steps=16, batch_size=8, n_epochs=1, seed=1)
+        model.learn(16)
+        model.save(tmp_path / "p.zip")
+        env.save(tmp_path / "vecnormalize.pkl")
+        env.close()
+        driver = driver_of_agent(tmp_path / "p.zip", 27, kind.space, lambda: permit_all)
+        for _ in range(50):
+            seen = kind.space.sample() if kind.space.shape is None else RNG.normal(size=3) * 50
+            seen = seen if isinstance(seen, dict) else seen.astype(np.float32)
+            wanted = int(model.predict(env.normalize_obs(seen), deterministic=True)[0])
+            assert driver.act(ALONE, seen).number == wanted
+        other = DQN(policy, HighwayEnv(config=SHORT, observation=kind), learning_starts=4)
+        other.learn(8)
+        other.save(tmp_path / "q.zip")
+        with pytest.raises(CheckpointError, match="does not tell whether it was trained with VecN"):
+            driver_of_agent(tmp_path / "q.zip", 27, kind.space, lambda: permit_all)
+
+
+def test_a_dictionary_with_other_keys_is_another_observation(tmp_path: Path) -> None:
+    PPO("MultiInputPolicy", HighwayEnv(observation=Named()), n_steps=2, batch_size=2).save(
+        tmp_path / "a.zip"
+    )
+    for here in ({"other": Gaps.space}, {"gaps": gymnasium.spaces.Box(-1, 1, (4,))}):
+        space = gymnasium.spaces.Dict(here)
+        with pytest.raises(CheckpointError, match="of a dictionary and 12 actions, but drives"):
+            driver_of_agent(tmp_path / "a.zip", 27, space, lambda: permit_all)
 
 
 def test_an_agent_of_another_observation_is_told_to_name_its_own(tmp_path: Path) -> None:

@@ -161,7 +161,7 @@ def test_an_agent_of_stable_baselines3_decides_as_it_predicts(
     with HighwayEnv() as env:
         model = agent("MlpPolicy", env, device="cpu")
         model.save(tmp_path / "agent.zip")
-    driver = driver_of_agent(tmp_path / "agent.zip", (27,), False, lambda: permit_all)
+    driver = driver_of_agent(tmp_path / "agent.zip", 27, None, lambda: permit_all)
     for seed in range(20):
         observation = np.random.default_rng(seed).uniform(-1, 1, 27).astype(np.float32)
         wanted = int(model.predict(observation, deterministic=True)[0])
@@ -178,7 +178,7 @@ def test_a_masked_agent_chooses_what_the_check_permits(tmp_path: Path) -> None:
         model = MaskablePPO("MlpPolicy", env, device="cpu")
         model.save(tmp_path / "agent.ZIP")
     [free, bound] = (
-        driver_of_agent(tmp_path / "agent.ZIP", (27,), False, lambda check=check: check)
+        driver_of_agent(tmp_path / "agent.ZIP", 27, None, lambda check=check: check)
         for check in (permit_all, only)
     )
     assert {bound.act(ALONE, OBSERVATION).number for _ in range(3)} == {7}
@@ -202,10 +202,10 @@ def test_an_agent_of_another_environment_and_a_file_that_is_none_are_refused(
     with pytest.raises(
         CheckpointError, match=r"shape \(4,\) and 2 actions, but drives with \(27,\)"
     ):
-        driver_of_agent(tmp_path / "cart.zip", (27,), False, lambda: permit_all)
+        driver_of_agent(tmp_path / "cart.zip", 27, None, lambda: permit_all)
     (tmp_path / "none.zip").write_bytes(b"PK no zip")
     with pytest.raises(CheckpointError, match="no agent that stable-baselines3 saved"):
-        driver_of_agent(tmp_path / "none.zip", (27,), False, lambda: permit_all)
+        driver_of_agent(tmp_path / "none.zip", 27, None, lambda: permit_all)
 
 
 def network(

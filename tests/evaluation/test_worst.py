@@ -2,12 +2,16 @@
 
 import csv
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from PIL import Image
 from runs import SHORT, error_message, run_folder
+from stable_baselines3 import PPO
 
 from drl_av.cli import main
+from drl_av.config import Config
+from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.recording import load_recording
 
 
@@ -147,3 +151,21 @@ def test_the_recordings_of_another_evaluation_stay(
     assert main([*words, "--safety-check", "strict"]) == 1
     assert f"{file.name} is the recording of another episode" in error_message(capsys)
     assert file.read_bytes() == first
+
+
+def test_an_agent_of_an_observation_of_its_own_is_driven_again_with_it(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    env = HighwayEnv(config=Config(), observation=("ego", "own_front"))
+    PPO("MlpPolicy", env, n_steps=2, batch_size=2, device="cpu").save("a.zip")
+    Path("seen.py").write_text('SEEN = ("ego", "own_front")\n')
+    words = ["a.zip", "--vehicles", "5", "--episodes", "1", "-o"]
+    words += ["simulation.decisions_per_episode=5"]
+    assert main(["evaluate", *words, "--observation", "seen:SEEN", "--out", "a.csv"]) == 0
+    worst = ["replay", "a.csv", "--worst", "mean_speed_m_s", "--record", "a.npz"]
+    assert main([*worst, "--observation", "seen:SEEN"]) == 0
+    assert "exactly as recorded, 5 decisions" in capsys.readouterr().out
+    with ZipFile("a.npz", "a") as archive:
+        archive.writestr("README.txt", "mine")
+    assert main(["replay", "a.npz", "--parquet", "a.parquet"]) == 1
+    assert "its part README.txt is no array): record the episode again" in capsys.readouterr().err
