@@ -1,7 +1,8 @@
 """The study ``curves``: learning curves of Algorithm 1 of the paper and of three variants.
 
 The variants are training without the safety check (Fig. 5 of the paper), and prioritized or uniform
-replay instead of two buffers (Fig. 7), each in the traffic ``calm`` and in that of the paper.
+replay instead of two buffers (Fig. 7), each in the traffic ``calm`` and in that of the paper. The
+latter are trained in the twin, the first two also in SUMO.
 """
 
 import math
@@ -33,8 +34,10 @@ if TYPE_CHECKING:
 LATE_BRAKING: Settings = {"traffic": {"kind": "calm", "keep_stopping_distance": False}}
 """The traffic of the trainings in ``calm``, which were made before SUMO's vehicles kept a stopping
 distance."""
-MIXED: Settings = {"simulation": {"world": "twin"}, "traffic": {"kind": "paper"}}
-"""The traffic of Sec. IV-B of the paper, in the twin."""
+IN_SUMO: Settings = {"traffic": {"kind": "paper"}}
+"""The traffic of Sec. IV-B of the paper."""
+MIXED: Settings = {"simulation": {"world": "twin"}, **IN_SUMO}
+"""The same in the twin."""
 VARIANTS: dict[str, Settings] = {
     "paper": {"safety": {"check": "paper"}, "learning": {"replay": "two-buffer"}},
     "permit_all": {"safety": {"check": "permit_all"}},
@@ -45,9 +48,10 @@ CHANGES: dict[str, tuple[Settings, Settings]] = {
     **{name: (LATE_BRAKING, settings) for name, settings in VARIANTS.items()},
     **{f"mixed_{name}": (MIXED, settings) for name, settings in VARIANTS.items()},
     "mixed_literal": (MIXED, LITERAL),
+    **{f"sumo_{name}": (IN_SUMO, VARIANTS[name]) for name in ("paper", "permit_all")},
 }
-"""The settings that each variant changes, by section of the config; "mixed_" stands before those in
-the traffic of the paper."""
+"""The settings that each variant changes, by section of the config; in the traffic of the paper,
+"mixed_" stands before those in the twin, and "sumo_" before those in SUMO."""
 EPISODES = {
     "paper": 10 * (10_000,),
     "permit_all": (10_000, *9 * (3000,)),
@@ -57,10 +61,11 @@ EPISODES = {
     "mixed_prioritized": 10 * (10_000,),
     "mixed_uniform": 10 * (10_000,),
     "mixed_literal": (10_000,),
+    "sumo_paper": 2 * (10_000,),
+    "sumo_permit_all": 3 * (10_000,),
 }
 """The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
 number is raised."""
-PAPER_SEEDS, PAPER_EPISODES = 200, 10_000
 PAPER_REWARD = -0.025
 """Reward per decision of the paper's trained driver (Sec. IV-C of the paper)."""
 STYLES = {
@@ -68,9 +73,13 @@ STYLES = {
     "permit_all": ("#000000", "two buffers, no safety check"),
     "prioritized": ("#0072b2", "prioritized replay, safety check"),
     "uniform": ("#009e73", "uniform replay, safety check"),
+    "sumo_paper": ("#0072b2", "the same with the check, in SUMO"),
+    "sumo_permit_all": ("#009e73", "the same without the check, in SUMO"),
 }
 REPLAY = ("mixed_paper", "mixed_prioritized", "mixed_uniform")
 """The variants of Fig. 7 of the paper, in its own traffic; the first one has two buffers."""
+WORLDS = "mixed_paper", "sumo_paper", "mixed_permit_all", "sumo_permit_all"
+"""The variants of Fig. 5 of the paper, in its own traffic, in the twin and in SUMO."""
 PANELS = {
     "mean_reward": "mean reward a decision, greedy",
     "training_reward": "the same while exploring",
@@ -79,9 +88,17 @@ PANELS = {
     "safety_triggers": "safety triggers an episode, greedy",
 }
 CHECKED = "mean_reward", "training_reward", "training_collisions"
+COMPARED = "mean_reward", "training_collisions", "collisions"
+"""The columns in which trainings in SUMO are compared with those in the twin."""
+FEWEST = 5
+"""The least number of trainings of which an interval is drawn."""
+FEW = 10
+"""The largest number of trainings that are drawn one by one."""
+WITHIN = 0.05, 0.95
+"""The quantiles of more trainings than that, which are drawn as the ends of a band."""
 FIGURES = {
     "learning_check": (("paper", "permit_all"), CHECKED),
-    "learning_mixed": (("mixed_paper", "mixed_permit_all"), (*CHECKED[::2], "collisions")),
+    "learning_mixed": (WORLDS, COMPARED),
     "learning_replay": (("paper", "prioritized"), ("mean_reward", "safety_triggers")),
     "learning_mixed_replay": (REPLAY, ("mean_reward", "training_reward", "safety_triggers")),
 }
@@ -230,12 +247,18 @@ def convergence(rows: Sequence[Row]) -> list[Row]:
     """
     summaries = []
     for variant, own in grouped(rows, itemgetter("variant")).items():
-        last: dict[str, int] = {}
-        for row in own:
-            last[row["seed"]] = max(last.get(row["seed"], 0), int(row["episode"]))
+        last = last_episodes(own)
         for far in sorted({min(last.values()), max(last.values())}):
             summaries.append(_summary([r for r in own if last[r["seed"]] >= far], variant))
     return summaries
+
+
+def last_episodes(rows: Iterable[Row]) -> dict[str, int]:
+    """Return the last episode of each training of a variant, by its seed."""
+    last: dict[str, int] = {}
+    for row in rows:
+        last[row["seed"]] = max(last.get(row["seed"], 0), int(row["episode"]))
+    return last
 
 
 def _summary(rows: Sequence[Row], variant: str) -> Row:
@@ -297,28 +320,34 @@ def replay_table(folder: Path) -> str:
 
 
 def cost_table(folder: Path) -> str:
-    """Return the Markdown table of the computing time that the paper's 200 trainings would take.
-
-    The time is extrapolated from the wall times of our trainings of the whole schedule.
-    """
+    """Return the Markdown table of the wall time of all trainings of each variant."""
     results = ResultsFolder(folder)
     seconds = results.made_by("curves.csv")["wall_time_s"]
-    episodes: dict[str, dict[str, int]] = {}
-    for row in results.rows("curves.csv"):
-        own = episodes.setdefault(row["variant"], {})
-        own[row["seed"]] = max(own.get(row["seed"], 0), int(row["episode"]))
     lines = []
-    for variant, own in episodes.items():
-        whole = [seconds[f"{variant}-{seed}"] for seed, n in own.items() if n == PAPER_EPISODES]
-        if not whole:
-            continue
-        an_episode_s = sum(whole) / len(whole) / PAPER_EPISODES
-        hours = an_episode_s * PAPER_EPISODES * PAPER_SEEDS / 3600
-        core_hours, days, each = f"{hours:,.0f}", f"{hours / 2 / 24:.1f}", f"{hours / 200:.1f}"
-        cells = [f"`{variant}`", f"{an_episode_s:.2f}", core_hours, f"{days} days", f"{each} hours"]
-        lines.append(cells)
-    names = ("seconds an episode", f"{PAPER_SEEDS} seeds, core hours", "2 cores", "200 cores")
-    return markdown_table(["training", *names], lines)
+    for variant, own in grouped(results.rows("curves.csv"), itemgetter("variant")).items():
+        last = last_episodes(own)
+        hours = sum(seconds[f"{variant}-{seed}"] for seed in last) / 3600
+        lines.append([f"`{variant}`", str(len(last)), str(sum(last.values())), f"{hours:.1f}"])
+    return markdown_table(["training", "seeds", "episodes of all", "hours"], lines)
+
+
+def worlds_table(folder: Path) -> str:
+    """Return the Markdown table of how the trainings in SUMO lie among those in the twin.
+
+    It gives the share of SUMO's evaluations that lie within the quantiles ``WITHIN`` of the twin's
+    trainings at the same episode, 90 % if both worlds are alike.
+    """
+    rows, lines = ResultsFolder(folder).rows("curves.csv"), []
+    for variants in (WORLDS[:2], WORLDS[2:]):
+        for column in COMPARED:
+            twin, sumo = (curve(rows, variant, column) for variant in variants)
+            shared = min(len(twin.episodes), len(sumo.episodes))
+            low, high = np.quantile(twin.values[:, :shared], WITHIN, axis=0)
+            within = (low <= sumo.values[:, :shared]) & (sumo.values[:, :shared] <= high)
+            ends = [f"{one.end.value:.3f} ± {one.end.half_width:.3f}" for one in (sumo, twin)]
+            lines.append([f"`{variants[1]}`", PANELS[column], *ends, f"{100 * within.mean():.0f}"])
+    heads = "in SUMO, at the end", "in the twin", "within the twin's 90 %, %"
+    return markdown_table(["training", "column", *heads], lines)
 
 
 def learning_figure(variants: Sequence[str], columns: Sequence[str], folder: Path) -> "Figure":
@@ -343,21 +372,24 @@ def learning_figure(variants: Sequence[str], columns: Sequence[str], folder: Pat
 
 
 def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
-    """Draw a variant's mean over the seeds with its 95 % band, and a dot at convergence.
+    """Draw a variant's mean over the seeds with its 95 % interval, and a dot at convergence.
 
-    A thin line shows each seed whose training is at least as long as the mean's curve.
+    A thin line shows each seed whose training is at least as long as the mean's curve. If there are
+    more than ``FEW`` seeds, the band holds nine tenths of them instead, and there are no lines. Of
+    less than ``FEWEST`` there is only the mean.
     """
     found, (color, name) = curve(rows, variant, column), STYLES[variant.removeprefix("mixed_")]
-    seeds = len(found.values)
+    seeds, line = len(found.values), "--" if variant.startswith("sumo_") else "-"
     means = np.array([mean.value for mean in found.means])
     halves = np.array([mean.half_width for mean in found.means])
-    label = f"{name} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
-    axes.plot(found.episodes, means, color=color, label=label)
-    if np.isfinite(halves).all():
-        axes.fill_between(
-            found.episodes, means - halves, means + halves, color=color, alpha=0.2, linewidth=0
-        )
+    ends = means - halves, means + halves
     own = [r for r in rows if r["variant"] == variant and int(r["episode"]) >= found.episodes[-1]]
+    if seeds > FEW:
+        own, ends = [], tuple(np.quantile(found.values, WITHIN, axis=0))
+    label = f"{name} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
+    axes.plot(found.episodes, means, line, color=color, label=label)
+    if seeds >= FEWEST:
+        axes.fill_between(found.episodes, *ends, color=color, alpha=0.2, linewidth=0)
     for seed in sorted({row["seed"] for row in own}):
         longer = curve([row for row in own if row["seed"] == seed], variant, column)
         axes.plot(longer.episodes, longer.values[0], color=color, linewidth=0.8, alpha=0.6)
@@ -372,6 +404,11 @@ CURVES = Program(
     row="an evaluation; training_* are means over the training episodes since the one before",
     plan=curve_plan,
     derived={"convergence.csv": convergence},
-    tables={"convergence": convergence_table, "cost": cost_table, "replay": replay_table},
+    tables={
+        "convergence": convergence_table,
+        "cost": cost_table,
+        "replay": replay_table,
+        "worlds": worlds_table,
+    },
     figures={name: partial(learning_figure, *drawn) for name, drawn in FIGURES.items()},
 )

@@ -16,6 +16,7 @@ from drl_av.errors import DrlAvError, RunError
 from drl_av.evaluation import engines
 from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import read_rows
+from drl_av.files import write_table
 from studies import adaptation, learning_curves
 from studies import engine as module
 from studies.adaptation import ADAPTATION, adaptation_figure, adaptation_table
@@ -155,7 +156,9 @@ FIGURES = CURVES.figures
 
 def test_check_figure_has_means_over_seeds_and_continues_with_the_longer_one(
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(learning_curves, "FEWEST", 2)
     (tmp_path / "curves.csv").write_text(DRAWN.lstrip())
     figure = FIGURES["learning_check"](tmp_path)
     reward, exploring, collisions = figure.axes
@@ -208,6 +211,54 @@ def test_buffers_are_compared_by_the_middle_half_of_the_seeds_and_by_pairs(tmp_p
     assert uniform[3].startswith("-0.0525 [")
     # of 16 pairs ours wins 0 against -0.01, 3 against -0.045, and all 8 against the other two
     assert uniform[5].startswith("0.69 [")
+
+
+def test_sumo_lies_within_nine_tenths_of_the_trainings_in_the_twin(tmp_path: Path) -> None:
+    trainings = {
+        # at each episode the quantiles of the twin's four are -3 + 0.05 * 3 and -3 + 0.95 * 3
+        "mixed_paper": [(0, 0), (-1, 0), (-2, 0), (-3, 0)],
+        # two of four evaluations lie between them; -2.9 and -0.1 are the decoys of the extremes
+        "sumo_paper": [(-2.9, 10), (-0.1, 10), (-2.8, 0), (-0.2, 0)],
+        "mixed_permit_all": [(-7, 5)] * 2,
+        "sumo_permit_all": [(-7, 5), (-9, 6)],
+        "permit_all": [(-99, 10)],
+    }
+    rows = [
+        row(variant, seed, episode, reward, collisions)
+        for variant, ends in trainings.items()
+        for seed, (reward, collisions) in enumerate(ends)
+        for episode in (100, 200)
+    ]
+    write_table(tmp_path / "curves.csv", rows[0], rows)
+    lines = CURVES.tables["worlds"](tmp_path).splitlines()[2:]
+    cells = [[cell.strip() for cell in line.split("|")][1:-1] for line in lines]
+    assert [line[0] for line in cells] == ["`sumo_paper`"] * 3 + ["`sumo_permit_all`"] * 3
+    assert [line[-1] for line in cells] == ["50", "100", "50", "50", "100", "50"]
+    # the mean of -2.9, -0.1, -2.8 and -0.2; collisions are a share of ten episodes
+    assert [cell[:6] for cell in cells[0][2:4]] == ["-1.500", "-1.500"]
+    assert [cells[5][2][:5], cells[5][3]] == ["0.550", "0.500 ± 0.000"]
+
+
+def test_what_trainings_cost_is_the_time_of_all_seeds_of_a_variant(tmp_path: Path) -> None:
+    rows = [row("paper", 0, 100, 0, 0), row("paper", 0, 200, 0, 0), row("paper", 1, 100, 0, 0)]
+    write_table(tmp_path / "curves.csv", rows[0], rows)
+    seconds = {"paper-0": 5400, "paper-1": 1800, "permit_all-0": 9}
+    (tmp_path / "curves.json").write_text(json.dumps({"wall_time_s": seconds}))
+    [line] = CURVES.tables["cost"](tmp_path).splitlines()[2:]
+    assert [cell.strip() for cell in line.split("|")][1:-1] == ["`paper`", "2", "300", "2.0"]
+
+
+def test_more_than_ten_trainings_are_drawn_as_a_band_of_nine_tenths_of_them(tmp_path: Path) -> None:
+    for seeds, lines in ((10, 11), (11, 1)):  # a mean, and a line for each of at most ten
+        rows = [row("mixed_paper", seed, 100, -seed, 0) for seed in range(seeds)]
+        write_table(tmp_path / "curves.csv", rows[0], rows)
+        _, collisions, _ = FIGURES["learning_mixed"](tmp_path).axes
+        assert len(collisions.lines) == lines
+    reward = FIGURES["learning_mixed"](tmp_path).axes[0]
+    [band] = reward.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    # 0.05 and 0.95 of the way from the first to the last of -10, ..., 0
+    assert (heights.min(), heights.max()) == pytest.approx((-9.5, -0.5))
 
 
 ADAPTED = """
