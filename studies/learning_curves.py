@@ -79,7 +79,7 @@ STYLES = {
 REPLAY = ("mixed_paper", "mixed_prioritized", "mixed_uniform")
 """The variants of Fig. 7 of the paper, in its own traffic; the first one has two buffers."""
 WORLDS = "mixed_paper", "sumo_paper", "mixed_permit_all", "sumo_permit_all"
-"""The variants of Fig. 5 of the paper, in its own traffic, in the twin and in SUMO."""
+"""The variants of Fig. 5 of the paper, learning curves in its own traffic, in both worlds."""
 PANELS = {
     "mean_reward": "mean reward a decision, greedy",
     "training_reward": "the same while exploring",

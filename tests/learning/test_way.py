@@ -74,5 +74,7 @@ def test_it_drives_on_its_own_road_and_refuses_other_observations(
         assert "was trained with other [observation] settings" in capsys.readouterr().err
     network = tmp_path / "network.onnx"
     assert main(["export", "pretrained-paper", str(network)]) == 0
-    with pytest.raises(DrlAvError, match=r"network.onnx observes 27 indicators, but observation"):
+    with pytest.raises(
+        DrlAvError, match=r"network.onnx observes the 27 indicators alone: drive it"
+    ):
         load_driver(network, Config().updated("observation", way=True))
