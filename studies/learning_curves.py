@@ -335,7 +335,7 @@ def worlds_table(folder: Path) -> str:
     """Return the Markdown table of how the trainings in SUMO lie among those in the twin.
 
     It gives the share of SUMO's evaluations that lie within the quantiles ``WITHIN`` of the twin's
-    trainings at the same episode, 90 % if both worlds are alike.
+    n trainings at the same episode; 90 (n - 1) / (n + 1) % is expected if both worlds are alike.
     """
     rows, lines = ResultsFolder(folder).rows("curves.csv"), []
     for variants in (WORLDS[:2], WORLDS[2:]):
@@ -346,7 +346,7 @@ def worlds_table(folder: Path) -> str:
             within = (low <= sumo.values[:, :shared]) & (sumo.values[:, :shared] <= high)
             ends = [f"{one.end.value:.3f} ± {one.end.half_width:.3f}" for one in (sumo, twin)]
             lines.append([f"`{variants[1]}`", PANELS[column], *ends, f"{100 * within.mean():.0f}"])
-    heads = "in SUMO, at the end", "in the twin", "within the twin's 90 %, %"
+    heads = "in SUMO, at the end", "in the twin", "within the twin's, %"
     return markdown_table(["training", "column", *heads], lines)
 
 
