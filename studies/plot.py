@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from studies.study import FileStudy
 
-Curves = dict[str, dict[Any, Mean]]
-"""Means by the name of a curve and by x."""
+Curves = dict[str, list[tuple[Any, Mean]]]
+"""The points of each curve by its name: x and the mean."""
 
 
 def figure(study: "FileStudy", spec: Spec | Sequence[Spec], folder: Path) -> "Figure":
@@ -53,7 +53,7 @@ def figure(study: "FileStudy", spec: Spec | Sequence[Spec], folder: Path) -> "Fi
 
 
 def curves(pivot: Pivot, where: Mapping[str, Any]) -> Curves:
-    """Return the means of each curve of a figure by x, for the rows with the values ``where``.
+    """Return the points of each curve of a figure, for the rows with the values ``where``.
 
     If x is a measure, a curve has one point for each value of the column "along".
     """
@@ -69,7 +69,8 @@ def curves(pivot: Pivot, where: Mapping[str, Any]) -> Curves:
                 value = pivot.value(spec["value"], key, {along: place})
                 at = place if x == along else pivot.value(x, key, {along: place})
                 if isinstance(value, Mean):
-                    found.setdefault(name, {})[at.value if isinstance(at, Mean) else at] = value
+                    point = at.value if isinstance(at, Mean) else at, value
+                    found.setdefault(name, []).append(point)
     return found
 
 
@@ -79,9 +80,9 @@ def _draw(panel: "Axes", title: str, spec: Spec, own: Curves) -> dict[str, Any]:
     if spec.get("line"):
         panel.axhline(0.0, color="#999999", linewidth=1)
     if spec["x"] == "label":
-        means = next(iter(own.values()), {})
-        places = dict(enumerate(means.values()))
-        curves_by_density(panel, {"": places}, joined=False)
-        panel.set_xticks([*places], [*means], rotation=35, ha="right")
+        points = next(iter(own.values()), [])
+        means = [(place, mean) for place, (_, mean) in enumerate(points)]
+        curves_by_density(panel, {"": means}, joined=False)
+        panel.set_xticks(range(len(points)), [name for name, _ in points], rotation=35, ha="right")
         return {}
     return curves_by_density(panel, own, apart=0.0 if "along" in spec else APART)

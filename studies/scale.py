@@ -100,7 +100,7 @@ def figure(rows: Sequence[dict[str, Any]]) -> "Figure":
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the command line."""
-    given = command_line("scale", __doc__, seeds=5).parse_args(words)
+    given = command_line("scale", __doc__, range(5)).parse_args(words)
     rows = complete(given, Row, [(seed,) for seed in given.seeds], train, measure)
     save_figure(figure(rows), given.out.with_suffix(".png"))
     print("gain over gap-mobil under strict, m/s, in the twin, at the end of each training")

@@ -130,7 +130,7 @@ def print_overall(overalls: Sequence["Overall"], title: str) -> None:
     if best is not None:
         values["probability of\nimprovement"] = [each.improvement or "" for each in overalls]
     beside = "" if best is None else f", and the probability of being faster than {best}"
-    unit = "trainings" if (trainings := _of_trainings(overalls)) else "episodes"
+    unit = "trainings" if (trainings := _of_trainings(overalls)) else "traffic seeds"
     caption = (
         f"over all numbers of vehicles: interquartile mean{beside}, with 95 % intervals by the "
         f"bootstrap of {unit}{trainings.removeprefix(', over trainings')}"

@@ -77,7 +77,7 @@ SPAN_M_S = 10.0
 
 @dataclass(frozen=True)
 class PpoConfig(Section):
-    """Proximal policy optimization (PPO) with masked actions; the reward is the ego's speed.
+    """Proximal policy optimization (PPO) with masked actions; the reward is speed less costs.
 
     decisions: decisions of the training, in all worlds together (ours)
     worlds: number of worlds that are driven at once (ours)

@@ -46,7 +46,8 @@ def attach(
         connection: The module libsumo or traci, or a connection of traci, in which SUMO runs.
         vehicle: The id of a vehicle on the road.
         driver: A driver's name, file, run folder or factory, as for ``load_driver``, or a driver.
-        safety_check: ``paper``, ``strict``, ``permit_all``, or a function; by default the driver's.
+        safety_check: ``paper``, ``strict``, ``permit_all``, ``module:function``, or a function; by
+            default the driver's.
         config: As for ``load_driver``.
 
     Raises:

@@ -17,7 +17,7 @@ them all. A safety check examines each action of the agent before the ego execut
 {actions}
 
 ## Observation Space
-`Box` of shape (27,), float32: the affordance indicators, scaled by the constants of
+`Box` of shape (27,), float32: the affordance indicators, scaled to about [-1, 1] by
 `config.observation` and clipped to the box. `info["indicators"]` holds them in SI units.
 
 {indicators}
@@ -51,7 +51,7 @@ TOML file, `{{"traffic": {{"vehicles_max": 5}}}}` or a Config),
 `render_mode` ("human" is sumo-gui, "rgb_array" needs no screen), `action_mask` (whether `info`
 contains the mask; True by `gymnasium.make`, False by default in this class),
 `reward` (a function of a `Transition` that replaces the reward; `info["rewards"]` stays),
-`observation` (names of groups of indicators, {groups};
+`observation` (names of groups of indicators, {groups}; "wide";
 or an object with an attribute `space` that is called with the scene),
 `sumo_options` (options of SUMO itself, such as "--fcd-output fcd.xml"; SUMO then starts again at
 each reset).
@@ -73,7 +73,7 @@ avoid a collision.
 
 ## Several at Once
 Each environment has its own SUMO, also within one process. The first environment uses the
-installed libsumo. Each further one loads a copy of the library (30 ms, 17 MiB), which later
+installed libsumo. Each further one loads a copy of the library (30 ms, 20 MiB), which later
 environments reuse after `close`. All environments of one process share one core. To use several
 cores, call `make_vec(..., vectorization_mode="async", vector_kwargs={{"context": "spawn"}})`.
 sumo-gui shows only one environment of a process at a time.

@@ -45,8 +45,8 @@ def interquartile_mean(strata: Strata) -> Estimate:
     """Compute the mean of the middle half of all scores (Agarwal et al., Section 4.3).
 
     The lowest and the highest quarter of the scores, rounded down, are left out. The interval is
-    that of the bootstrap: each resample has as many episodes of each number of vehicles as the
-    scores. ``strata`` has one array of shape (episodes,) for each number of vehicles.
+    that of the bootstrap of traffic seeds. ``strata`` has one array of shape (episodes,) for each
+    number of vehicles; a place in all arrays of one length is the same traffic seed.
 
     Raises:
         DrlAvError: a number of vehicles has no scores.
@@ -68,8 +68,7 @@ def probability_of_improvement(ours: Strata, theirs: Strata) -> Estimate:
     Each score of ours is compared with each score of theirs at the same number of vehicles; a tie
     counts as one half. The result is the mean over the numbers of vehicles. The bootstrap resamples
     both drivers independently, as rliable does. For drivers in the same traffic, the paired gain
-    has a narrower interval. Each argument has one array of shape (episodes,) for each number of
-    vehicles.
+    has a narrower interval. Each argument is as in ``interquartile_mean``.
 
     Raises:
         DrlAvError: a number of vehicles has no scores, or the drivers have different numbers of

@@ -47,14 +47,16 @@ STYLES = {
     "sumo": ("#56b4e9", "<"),
     "sumo-tuned": ("#332288", ">"),
     "random": ("#999999", "x"),
+    "Algorithm 1": ("#d55e00", "o"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
 OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
 OTHER_STYLES = [(color, mark) for mark in ("D", "P", "X", "*", "p", "h") for color in OTHER_COLORS]
 """The styles of all other drivers."""
 UNBOUNDED = (-math.inf, math.inf)
-APART = 0.15
-"""Horizontal offset between two drivers' markers, in vehicles, so that error bars stay apart."""
+APART = 0.03
+"""Horizontal offset between two drivers' markers, so that error bars stay apart; the unit is the
+usual distance between two numbers of vehicles."""
 
 
 def moving_average(episodes: FloatArray, values: FloatArray, over: int) -> FloatArray:
@@ -223,10 +225,10 @@ def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
     means = {}
     for driver, trainings in drivers.items():
         cells = [grouped(own, lambda row: int(row["vehicles"])) for own in trainings]
-        means[driver] = {
-            number: mean_with_interval(_speeds(driver, [cell[number] for cell in cells]))
+        means[driver] = [
+            (number, mean_with_interval(_speeds(driver, [cell[number] for cell in cells])))
             for number in sorted(set.intersection(*({*cell} for cell in cells)))
-        }
+        ]
     figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
     banded = [driver for driver, trainings in drivers.items() if _is_group(driver, trainings)]
     legend_of_names(axes, curves_by_density(axes, means, lowest=0.0, banded=banded))
@@ -239,9 +241,9 @@ def gain_figure(gains: Iterable[PairedGain]) -> "Figure":
     The gains are paired by traffic, so that their intervals are far smaller than the differences
     between those of ``speed_figure``. There is one curve for each driver; zero is the rule.
     """
-    means: dict[str, dict[int, Mean]] = {}
+    means: dict[str, list[tuple[float, Mean]]] = {}
     for gain in gains:
-        means.setdefault(gain.driver, {})[gain.vehicles] = gain.difference_m_s
+        means.setdefault(gain.driver, []).append((gain.vehicles, gain.difference_m_s))
     figure, axes = one_panel("vehicles around the ego", "gain over the fastest rule, m/s")
     axes.axhline(0.0, color="#555555", linewidth=1)
     legend_of_names(axes, curves_by_density(axes, means))
@@ -300,7 +302,7 @@ def _ends(mean: Mean, lowest: float) -> tuple[float, float]:
 
 def curves_by_density(
     axes: "Axes",
-    means: Mapping[str, Mapping[int, Mean]],
+    means: Mapping[str, Sequence[tuple[float, Mean]]],
     joined: bool = True,
     lowest: float = -math.inf,
     banded: Sequence[str] = (),
@@ -308,28 +310,29 @@ def curves_by_density(
 ) -> dict[str, Any]:
     """Draw a curve for each driver with its 95 % intervals; return the curves by driver.
 
-    ``means`` holds the values by driver and by number of vehicles; an infinite interval is left
-    out. A driver has one colour; its curve under another check, such as "idm, strict", is dashed.
-    With ``joined`` false there are only points. No interval reaches below ``lowest``, which is 0
-    for a speed. The intervals of the drivers ``banded`` are a band. The points of two drivers at
-    the same number are ``apart``.
+    ``means`` holds the points of each driver: numbers of vehicles with their values; an infinite
+    interval is left out. A driver has one colour; its curve under another check, such as
+    "idm, strict", is dashed. With ``joined`` false there are only points. No interval reaches below
+    ``lowest``, which is 0 for a speed. The intervals of the drivers ``banded`` are a band. The
+    points of two drivers at the same number are ``apart``, in usual distances between two numbers.
     """
     curves = dict[str, Any]()
+    steps = np.diff(sorted({number for own in means.values() for number, _ in own}))
+    usual = float(np.median(steps)) if len(steps) else 1.0
     styles = styles_of(driver.partition(", ")[0] for driver in means)
     for place, (driver, own) in enumerate(means.items()):
         name, _, check = driver.partition(", ")
         color, mark = styles[name]
         if driver in banded:
             style = {"color": color, "marker": mark, "markersize": 4, "label": driver}
-            curves[driver] = banded_curve(
-                axes, [*own], [*own.values()], (lowest, math.inf), **style
-            )
+            numbers, values = zip(*own, strict=True)
+            curves[driver] = banded_curve(axes, numbers, values, (lowest, math.inf), **style)
             continue
-        aside = apart * (place - (len(means) - 1) / 2)
+        aside = apart * usual * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
-            [number + aside for number in own],
-            [mean.value for mean in own.values()],
-            yerr=np.array([_ends(mean, lowest) for mean in own.values()]).T,
+            [number + aside for number, _ in own],
+            [mean.value for _, mean in own],
+            yerr=np.array([_ends(mean, lowest) for _, mean in own]).T,
             color=color,
             marker=mark,
             markersize=4,

@@ -35,7 +35,9 @@ def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
     [axes] = speed_figure(rows).axes
     curves = {c.get_label(): c.lines[0] for c in axes.containers}
     assert set(curves) == {"idm", "mine"}
-    assert curves["idm"].get_xdata().tolist() == pytest.approx([5, 30], abs=0.1)
+    # two curves are 3 % of 25 vehicles apart, each half of it from the number
+    assert curves["idm"].get_xdata().tolist() == pytest.approx([4.625, 29.625])
+    assert curves["mine"].get_xdata().tolist() == pytest.approx([5.375, 30.375])
     assert curves["idm"].get_ydata().tolist() == [21.0, 18.0]
 
 

@@ -185,7 +185,7 @@ def test_the_curves_of_a_figure_are_the_cells_of_the_table(study: FileStudy) -> 
     names = ["ours", "slow", "quick", "ours, strict"]
     assert [text.get_text() for text in legend.get_texts()] == names
     found = curves(Pivot(study, spec, study.path.parent), {"variant": "plain"})
-    assert {name: [mean.value for mean in own.values()] for name, own in found.items()} == {
+    assert {name: [mean.value for _, mean in own] for name, own in found.items()} == {
         "ours": [25, 11],
         "slow": [18, 12],
         "quick": [24, 9],
@@ -200,9 +200,9 @@ def test_a_curve_of_one_measure_against_another_has_a_point_for_each_value_of_a_
     spec |= {"where": {"variant": "plain", "driver": ["ours", "slow"]}}
     found = curves(Pivot(study, spec, study.path.parent), {})
     # ours: 2 lane changes in 40 decisions among 5 vehicles, 1 in 80 among 10
-    points = {name: {at: mean.value for at, mean in own.items()} for name, own in found.items()}
-    assert points["ours"] == {0.5: 25, 0.125: 11}
-    assert points["slow"] == {0.0: 12}  # no lane changes at all: the later point
+    points = {name: [(at, mean.value) for at, mean in own] for name, own in found.items()}
+    assert points["ours"] == [(0.5, 25), (0.125, 11)]
+    assert points["slow"] == [(0.0, 18), (0.0, 12)]  # no lane changes at all: both points remain
     drawn = figure(study, spec, study.path.parent)
     [axes] = drawn.axes
     [ours, *_] = axes.lines
