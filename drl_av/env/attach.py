@@ -1,7 +1,9 @@
 """A driver and a safety check for one vehicle of the user's own SUMO simulation (ours)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.custom import custom_check, with_check
 from drl_av.env.observation import default_groups, observation_function
 from drl_av.errors import ConfigError, SimulationError
-from drl_av.road.road import Road
+from drl_av.road.road import CENTERED_M, Road
 from drl_av.road.snapshot import EGO, Command, Snapshot
 from drl_av.safety import named_check
 from drl_av.safety.assumptions import FALLBACK_CHECK
@@ -38,9 +40,9 @@ def attach(
 ) -> "AttachedEgo":
     """Let a driver and a safety check drive one vehicle of a SUMO simulation of the user's own.
 
-    Call ``step`` of the result after each ``simulationStep``. The vehicle keeps its route; all
-    other vehicles stay as they are. SUMO must run with ``--lateral-resolution``, because a lane
-    change of the ego takes 5 s.
+    Call ``step`` of the result after each ``simulationStep``. The vehicle drives its route, and
+    first to the centre of its lane; all other vehicles stay as they are. SUMO must run with
+    ``--lateral-resolution``, because a lane change of the ego takes 5 s.
 
     Args:
         connection: The module libsumo or traci, or a connection of traci, in which SUMO runs.
@@ -52,7 +54,8 @@ def attach(
 
     Raises:
         ConfigError: the step length does not divide a second, SUMO has no lateral resolution, the
-            driver is SUMO itself or no driver, or an assumption of ``strict`` does not hold here.
+            vehicle is faster than ``ego.max_speed_m_s``, the driver is SUMO itself or no driver, or
+            an assumption of ``strict`` does not hold here.
         SimulationError: SUMO does not run, there is no such vehicle, or its lanes differ in width.
     """
     if not hasattr(connection, "simulation"):
@@ -81,6 +84,12 @@ def attach(
     )
     settings, own_check = with_check(settings, safety_check)
     around = Surroundings(connection, vehicle, settings.observation.range_m)
+    if around.speed_m_s() > settings.ego.max_speed_m_s:
+        raise ConfigError(
+            f"The vehicle drives {around.speed_m_s():g} m/s, but ego.max_speed_m_s is "
+            f"{settings.ego.max_speed_m_s:g}: raise that, as in "
+            f'config={{"ego": {{"max_speed_m_s": {math.ceil(around.speed_m_s()) + 1}}}}}.'
+        )
     if own_check is None:
         check: SafetyCheck = _named_check(around, settings)
     else:
@@ -116,14 +125,19 @@ def _specs(
 
 def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
     """Return the check that the config names; raise ConfigError if ``strict`` does not hold."""
-    lane = around.lane_that_gives_way() if config.safety.check == "strict" else ""
-    if lane:
+    if config.safety.check == "strict":
+        around.after_reroute = partial(_require_right_of_way, around)
+        around.after_reroute()
+    _, road = around.read()
+    return named_check(config, around.vehicle_types(config.ego), road)
+
+
+def _require_right_of_way(around: Surroundings) -> None:
+    if lane := around.lane_that_gives_way():
         raise ConfigError(
             f"Under the check strict no lane of the route may give way or have a light, because "
             f"crossing vehicles keep to no bound, and {lane} does: take {FALLBACK_CHECK}."
         )
-    _, road = around.read()
-    return named_check(config, around.vehicle_types(config.ego), road)
 
 
 class AttachedEgo:
@@ -137,6 +151,7 @@ class AttachedEgo:
         self._commands: list[Command] = []
         self._lane_change: LaneChange | None = None
         self._planned_m = 0.0
+        self._begins = True
         self.scene: Scene | None = None
         """What the driver saw at its last decision; None before the first."""
         driver.start(0)
@@ -187,8 +202,22 @@ class AttachedEgo:
         They may have other indices than at the last decision, on another edge.
         """
         change = self._lane_change
+        if self._begins:
+            self._begins = False
+            return _to_the_centre(shot, road)
         if change is None:
             return None
         left_m = change.target * road.lane_width_m - self._planned_m
         target = round((float(shot.y_m[EGO]) + left_m) / road.lane_width_m)
         return change._replace(origin=target - change.sign, target=target)
+
+
+def _to_the_centre(shot: Snapshot, road: Road) -> LaneChange | None:
+    """Return the lane change that ends on the centre of the ego's lane; None if it is there."""
+    y_m = float(shot.y_m[EGO])
+    target = road.lane_of(y_m)
+    aside_m = y_m - road.center_m(target)
+    origin = target + (1 if aside_m > 0 else -1)
+    if abs(aside_m) <= CENTERED_M or not 0 <= origin < len(road.open_lanes):
+        return None
+    return LaneChange(origin, target)

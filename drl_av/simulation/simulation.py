@@ -28,7 +28,7 @@ from drl_av.simulation.gui_camera import Color, GuiCamera
 from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.speed_requests import SpeedRequests
 from drl_av.simulation.start_sumo import acquire, connection, require_display, start
-from drl_av.simulation.sumo_options import option_words
+from drl_av.simulation.sumo_options import option_words, require_what_the_ego_sees
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
     StateReader,
@@ -63,6 +63,7 @@ class Simulation:
         sumo_options: str | Sequence[str] = (),
     ) -> None:
         self._sumo_options = option_words(sumo_options)
+        require_what_the_ego_sees(self._sumo_options)
         self.fleet = Fleet(scenario, config)
         if gui:
             require_display()

@@ -43,6 +43,14 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(parted)
 
 
+MOVES = {
+    **dict.fromkeys(
+        ("vehicle", "trip", "flow", "person", "personFlow", "container", "containerFlow"),
+        "a vehicle or a person that the ego does not see",
+    ),
+    "variableSpeedSign": "a speed limit that the ego does not see",
+}
+"""Elements of an additional file that the ego would have to see, and what each of them adds."""
 WRITES = re.compile(
     r"^(-[lC]|--(.*[-.]output|.*log|log-file|.*-?dump|netstate|summary|(trip|person)info"
     r"|(vehroute|personroute)s|person-fcd|device\..*\.file|save-state\.(files|times|period)"
@@ -55,6 +63,16 @@ WRITTEN = {
     "calibrator": "output",
 }
 """The attribute that names an output file, for each such element of an additional file."""
+
+
+def require_what_the_ego_sees(words: Sequence[str]) -> None:
+    """Raise ConfigError if an additional file of the user adds what the ego would not see."""
+    for name, each in _elements(words):
+        if adds := MOVES.get(each.tag):
+            raise ConfigError(
+                f"The additional file {name} has <{each.tag}>, {adds}: leave it out, or drive with "
+                "drl_av.attach in a simulation of your own."
+            )
 
 
 def require_one_process(given: str | Sequence[str]) -> None:
@@ -83,7 +101,15 @@ def files_of_sumo(given: str | Sequence[str] | None) -> list[str]:
 
 
 def _written(words: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield each output file that the user's additional files name, behind the name of that file.
+    """Yield each output file that the user's additional files name, behind the latter's name."""
+    for name, each in _elements(words):
+        file = each.get(WRITTEN.get(each.tag, ""), NO_FILE)
+        if file not in (NO_FILE, os.devnull):
+            yield name, file
+
+
+def _elements(words: Sequence[str]) -> Iterator[tuple[str, ET.Element]]:
+    """Yield the elements of the user's additional files, each behind the name of its file.
 
     A file that cannot be read is left to SUMO, and files that it includes are not looked at.
     """
@@ -91,9 +117,7 @@ def _written(words: Sequence[str]) -> Iterator[tuple[str, str]]:
     for name in (n for word, text in pairs if word in ADDITIONAL_FILES for n in text.split(",")):
         with suppress(ScenarioError):
             for each in parse_xml(Path(name.strip()), ET.TreeBuilder(), "").iter():
-                file = each.get(WRITTEN.get(each.tag, ""), NO_FILE)
-                if file not in (NO_FILE, os.devnull):
-                    yield name.strip(), file
+                yield name.strip(), each
 
 
 def _parted(word: str) -> list[str]:
@@ -135,7 +159,9 @@ def start_arguments(
 ADDITIONAL_FILES = ("-a", "--additional-files", "--additional")
 CONTROL = {"remote-port", "num-clients"}
 """The options with which SUMO waits for a program that controls it."""
-SET_BY_US = {"n", "net", "c", "configuration", "configuration-file", *CONTROL} | {
+WINDOW = {"start", "S", "quit-on-end", "Q", "gui-settings-file", "g", "window-size"}
+"""The options of sumo-gui that a replay sets."""
+SET_BY_US = {"n", "net", "c", "configuration", "configuration-file", *CONTROL, *WINDOW} | {
     word.removeprefix("--")
     for word in start_arguments(["", ""], 0, Config())
     if word.startswith("--") and word not in ADDITIONAL_FILES

@@ -1,19 +1,19 @@
 """The road and the vehicles around one vehicle of any SUMO simulation, as ours describe them."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from drl_av.config import EgoConfig
 from drl_av.errors import SimulationError
-from drl_av.road.road import OPEN_LAP_M, PartialLane, Road, SpeedLimit
+from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, PartialLane, Road, SpeedLimit
 from drl_av.road.snapshot import Snapshot
-from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
-from drl_av.simulation.vehicle_calls import getters, take_control
+from drl_av.road.vehicle_types import AS_WRITTEN, LENGTHS_M, VehicleType, VehicleTypes
+from drl_av.simulation.vehicle_calls import ALL_SPEED_CHECKS_OFF, getters, take_control
 
 ORIGIN_M = OPEN_LAP_M / 2
 """Position along our road at which the vehicle's present edge begins."""
@@ -32,14 +32,21 @@ class Strip(NamedTuple):
 
     lane: int
     begin_m: float
+    left_m: float = math.inf
+    """A vehicle on it counts until its rear has left this position."""
+
+
+Strips: TypeAlias = dict[str, list[Strip]]
+"""The strips of each lane of SUMO; on a ring a lane is ahead and behind."""
 
 
 class Surroundings:
     """Reads the surroundings of the vehicle ``name`` along its route; ours, for ``attach``.
 
     ``sumo`` is the module libsumo or traci, or a traci connection. A lane goes on in the lane to
-    which SUMO connects it, and ends where it does not lead on along the route. A lane that is
-    closed to the vehicle's class does not exist.
+    which SUMO connects it, and ends where it does not lead on along the route, or where it gives
+    way to another lane that leads to the same one. A lane that is closed to the vehicle's class
+    does not exist. On a ring each vehicle is where it is nearest, ahead or behind.
 
     Raises:
         SimulationError: SUMO has no such vehicle on the road, or the lanes of its route differ in
@@ -61,11 +68,18 @@ class Surroundings:
                 self._before.setdefault(via or approached, []).append(lane)
         self._getters = getters(sumo, STATE)
         self._edge = ""
-        self._strips: dict[str, Strip] = {}
+        self._strips: Strips = {}
+        self._beside: Strips = {}
+        """Lanes that are no part of our road, from which bodies reach into it."""
         self._ends_m: dict[int, float] = {}
         self._closed: set[int] = set()
-        self.lane_width_m = self._lane_width_m()
+        self.route: Sequence[str] = ()
+        """The edges of the vehicle's route when it was read last."""
+        self.lane_width_m = math.nan
         """The width of each lane of the route, metres."""
+        self.after_reroute: Callable[[], None] = lambda: None
+        """A function that is called where SUMO or the user has changed the route."""
+        self._read_route()
 
     @property
     def is_on_the_road(self) -> bool:
@@ -75,14 +89,27 @@ class Surroundings:
     def read(self) -> tuple[Snapshot, Road]:
         """Return the vehicles within the range, the vehicle itself first, and the road there."""
         vehicle = self._sumo.vehicle
-        lane = vehicle.getLaneID(self._name)
-        if _edge_of(lane) != self._edge:
-            self._edge = _edge_of(lane)
-            self._strips, self._ends_m = self._strips_around(self._edge)
-        here_m = self._strips[lane].begin_m + vehicle.getLanePosition(self._name)
-        names = (self._name, *(n for n in self._names(here_m) if n != self._name))
-        columns = np.array([self._state(name) for name in names]).T.copy()
+        if vehicle.getRoute(self._name) != self.route:
+            self._read_route()
+            self.after_reroute()
+        self._edge = _edge_of(vehicle.getLaneID(self._name))
+        self._find_strips()
+        here_m = ORIGIN_M + vehicle.getLanePosition(self._name)
+        states = {self._name: self._state(self._name, here_m)}
+        for name in self._names(here_m):
+            if name not in states:
+                states[name] = self._state(name, here_m)
+        names = (*states,)
+        columns = np.array([*states.values()]).T.copy()
         return Snapshot(self._sumo.simulation.getTime(), names, *columns), self._road()
+
+    def speed_m_s(self) -> float:
+        """Return the vehicle's speed."""
+        return float(self._sumo.vehicle.getSpeed(self._name))
+
+    def _read_route(self) -> None:
+        self.route = self._sumo.vehicle.getRoute(self._name)
+        self.lane_width_m = self._lane_width_m()
 
     def take_control(self, ego: EgoConfig) -> None:
         """Make SUMO execute our commands for the vehicle, and expect the braking of ``ego``."""
@@ -104,9 +131,12 @@ class Surroundings:
         """Return the limits of SUMO's vehicle types, and of the vehicle after ``take_control``.
 
         SUMO does not tell which models drive its types: they are taken for those of our scenarios.
+        Another vehicle that we drive, whose type SUMO calls TYPE@NAME, has the limits of this one.
         """
         kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self._name
-        traffic_id = vehicle.getTypeID(name)
+        traffic_id = vehicle.getTypeID(name).removesuffix(f"@{name}")
+        ours = {f"{vehicle.getTypeID(each)}" for each in vehicle.getIDList() if self._is_ours(each)}
+        ours.add(f"{traffic_id}@{name}")
         found = {
             kind: VehicleType(
                 kinds.getLength(kind),
@@ -118,7 +148,7 @@ class Surroundings:
                 AS_WRITTEN.traffic.model,
             )
             for kind in kinds.getIDList()
-            if not kind.startswith("DEFAULT_") or kind == traffic_id
+            if kind not in ours and (not kind.startswith("DEFAULT_") or kind == traffic_id)
         }
         traffic = found.pop(traffic_id)
         size = {"length_m": vehicle.getLength(name), "width_m": vehicle.getWidth(name)}
@@ -131,10 +161,13 @@ class Surroundings:
         )
         return VehicleTypes(traffic, own, found, traffic_id)
 
+    def _is_ours(self, name: str) -> bool:
+        """Whether a vehicle executes commands that ignore SUMO's checks, as after an ``attach``."""
+        return bool(self._sumo.vehicle.getSpeedMode(name) == ALL_SPEED_CHECKS_OFF)
+
     def lane_that_gives_way(self) -> str:
         """Return the first lane of the route that gives way or has a light; "" if none does."""
-        route = self._sumo.vehicle.getRoute(self._name)
-        for edge, following in pairwise(route):
+        for edge, following in pairwise(self.route):
             for lane in self._lanes_of(edge):
                 for approached, _, _, _, _, state, *_ in self._sumo.lane.getLinks(lane):
                     if _edge_of(approached) == following and state != "M":
@@ -142,9 +175,8 @@ class Surroundings:
         return ""
 
     def _lane_width_m(self) -> float:
-        vehicle, lane = self._sumo.vehicle, self._sumo.lane
-        route = vehicle.getRoute(self._name)
-        widths_m = {name: lane.getWidth(name) for edge in route for name in self._lanes_of(edge)}
+        lane, edges = self._sumo.lane, dict.fromkeys(self.route)
+        widths_m = {name: lane.getWidth(name) for edge in edges for name in self._lanes_of(edge)}
         first_m = widths_m[next(iter(widths_m))]
         for name, width_m in widths_m.items():
             if abs(width_m - first_m) > SAME_WIDTH_M:
@@ -165,87 +197,109 @@ class Surroundings:
             and (not (allowed := lane.getAllowed(name)) or kind in allowed)
         ]
 
-    def _strips_around(self, edge: str) -> tuple[dict[str, Strip], dict[int, float]]:
-        """Return the strips near an edge by lane, and by index where a strip ends, metres."""
-        strips = {
-            f"{edge}_{index}": Strip(index, ORIGIN_M)
-            for index in range(self._sumo.edge.getLaneNumber(edge))
-        }
+    def _find_strips(self) -> None:
+        """Find the strips around the present edge, and by index where a strip ends, metres."""
+        lanes = [f"{self._edge}_{k}" for k in range(self._sumo.edge.getLaneNumber(self._edge))]
+        strips = {lane: [Strip(index, ORIGIN_M)] for index, lane in enumerate(lanes)}
         ends_m: dict[int, float] = {}
-        self._follow_back(strips, [*strips])
-        self._follow_route(strips, ends_m, edge)
-        lowest = min(strip.lane for strip in strips.values())
-        moved = {name: Strip(one.lane - lowest, one.begin_m) for name, one in strips.items()}
-        open_lanes = self._lanes_of(edge)
-        self._closed = {
-            one.lane
-            for name, one in moved.items()
-            if _edge_of(name) == edge and name not in open_lanes
-        }
-        return moved, {index - lowest: end_m for index, end_m in ends_m.items()}
+        self._beside = {}
+        self._follow_route(strips, ends_m, lanes)
+        self._follow_back(strips, lanes)
+        lowest = min(strip.lane for own in strips.values() for strip in own)
+        for each in (strips, self._beside):
+            for own in each.values():
+                own[:] = [one._replace(lane=one.lane - lowest) for one in own]
+        self._strips = strips
+        self._ends_m = {index - lowest: end_m for index, end_m in ends_m.items()}
+        open_lanes = self._lanes_of(self._edge)
+        self._closed = {strips[lane][0].lane for lane in lanes if lane not in open_lanes}
 
-    def _follow_back(self, strips: dict[str, Strip], lanes: Sequence[str]) -> None:
+    def _follow_back(self, strips: Strips, lanes: Sequence[str]) -> None:
         """Add the strips that lead to these lanes, as far back as the range."""
-        left = list(lanes)
+        left = [(lane, strips[lane][0]) for lane in lanes]
+        found = {*lanes}
         while left:
-            lane = left.pop()
-            index, begin_m = strips[lane]
+            lane, (index, begin_m, _) = left.pop()
             for before in self._before.get(lane, ()):
-                if before not in strips and begin_m > ORIGIN_M - self._range_m:
-                    strips[before] = Strip(index, begin_m - self._length_m[before])
-                    left.append(before)
+                if before not in found and begin_m > ORIGIN_M - self._range_m:
+                    found.add(before)
+                    strip = Strip(index, begin_m - self._length_m[before])
+                    strips.setdefault(before, []).append(strip)
+                    left.append((before, strip))
 
-    def _follow_route(self, strips: dict[str, Strip], ends_m: dict[int, float], edge: str) -> None:
+    def _follow_route(self, strips: Strips, ends_m: dict[int, float], lanes: Sequence[str]) -> None:
         """Add the strips ahead along the route, as far as an edge and the range reach."""
-        route = list(self._sumo.vehicle.getRoute(self._name))
-        ahead = route[self._sumo.vehicle.getRouteIndex(self._name) + 1 :]
-        lanes = [name for name in strips if _edge_of(name) == edge]
+        ahead = self.route[self._sumo.vehicle.getRouteIndex(self._name) + 1 :]
         last_m = ORIGIN_M + self._length_m[lanes[0]] + self._range_m
+        here = {lane: strips[lane][0] for lane in lanes}
         for following in ahead:
             names, arrived = self._lanes_of(following), dict[str, Strip]()
-            for lane in lanes:
-                if not self._lead_on(strips, lane, names, arrived):
-                    index, begin_m = strips[lane]
-                    ends_m[index] = begin_m + self._length_m[lane]
+            # of two lanes that lead to one, the one that need not give way goes on
+            for lane in sorted(here, key=lambda lane: not self._is_major(lane, names)):
+                if not self._lead_on(strips, lane, here[lane], names, arrived):
+                    ends_m[here[lane].lane] = here[lane].begin_m + self._length_m[lane]
             if not arrived:
                 return
-            for name in names:
-                strips[name] = arrived[name] = _beside(name, arrived)
-            lanes = names
-            if arrived[names[0]].begin_m > last_m:
+            here = {name: _beside(name, arrived) for name in names}
+            for name, strip in here.items():
+                strips.setdefault(name, []).append(strip)
+            if here[names[0]].begin_m > last_m:
                 return
 
+    def _is_major(self, lane: str, names: Sequence[str]) -> bool:
+        links = self._sumo.lane.getLinks(lane)
+        return any(approached in names and state == "M" for approached, *_, state, _, _ in links)
+
     def _lead_on(
-        self, strips: dict[str, Strip], lane: str, names: Sequence[str], arrived: dict[str, Strip]
+        self,
+        strips: Strips,
+        lane: str,
+        strip: Strip,
+        names: Sequence[str],
+        arrived: dict[str, Strip],
     ) -> bool:
         """Follow a lane over the junction to one of the lanes ``names``; False if it leads to none.
 
-        The lanes inside the junction become strips, the lane behind it an entry of ``arrived``.
+        The lanes inside the junction become strips, the lane behind it an entry of ``arrived``. The
+        other lanes to which it leads are beside our road: of those that leave it, the bodies that
+        reach back count, and one that merges is a part of the lane to which it leads.
         """
-        index, begin_m = strips[lane]
+        end_m = strip.begin_m + self._length_m[lane]
         leads_on = False
         for approached, via in self._after.get(lane, ()):
-            if approached in names:
-                at_m, inside = begin_m + self._length_m[lane], via
-                while inside != approached:
-                    strips[inside] = Strip(index, at_m)
-                    at_m += self._length_m[inside]
-                    inside = self._after[inside][0][1]
-                arrived.setdefault(approached, Strip(index, at_m))
+            merges = approached in arrived
+            goes_on = approached in names and not merges
+            left_m = math.inf if goes_on or merges else end_m
+            index = arrived[approached].lane if merges else strip.lane
+            own, at_m, inside = strips if goes_on else self._beside, end_m, via
+            while inside != approached:
+                own.setdefault(inside, []).append(Strip(index, at_m, left_m))
+                at_m += self._length_m[inside]
+                inside = self._after[inside][0][1]
+            if goes_on:
+                arrived[approached] = Strip(index, at_m)
                 leads_on = True
+            elif not merges and at_m < end_m + LENGTHS_M[1]:
+                self._beside.setdefault(approached, []).append(Strip(index, at_m, left_m))
         return leads_on
 
     def _names(self, here_m: float) -> Iterator[str]:
         """Yield the vehicles on the strips within the range of the position ``here_m``."""
-        on_lane = self._sumo.lane.getLastStepVehicleIDs
-        for lane, (_, begin_m) in self._strips.items():
-            nearest_m = min(max(here_m, begin_m), begin_m + self._length_m[lane])
-            if abs(nearest_m - here_m) <= self._range_m:
-                yield from on_lane(lane)
+        vehicle, on_lane = self._sumo.vehicle, self._sumo.lane.getLastStepVehicleIDs
+        for lane, own in (*self._strips.items(), *self._beside.items()):
+            for _, begin_m, left_m in own:
+                nearest_m = min(max(here_m, begin_m), begin_m + self._length_m[lane])
+                if abs(nearest_m - here_m) <= self._range_m:
+                    for name in on_lane(lane):
+                        at_m = begin_m + vehicle.getLanePosition(name)
+                        if at_m - vehicle.getLength(name) < left_m:
+                            yield name
 
-    def _state(self, name: str) -> tuple[float, ...]:
+    def _state(self, name: str, here_m: float) -> tuple[float, ...]:
+        """Return a vehicle's columns of the snapshot, at the strip nearest to ``here_m``."""
         lane, at, aside, speed, lateral, length, width = (read(name) for read in self._getters)
-        index, begin_m = self._strips[lane]
+        own = self._strips.get(lane) or self._beside[lane]
+        index, begin_m, _ = min(own, key=lambda strip: abs(strip.begin_m + at - here_m))
         y_m = index * self.lane_width_m + aside
         return begin_m + at - length / 2, y_m, speed, lateral, length, width
 
@@ -254,10 +308,10 @@ class Surroundings:
 
         Vehicles can change to it or from it only on the edges of the route.
         """
-        route = {self._edge, *self._sumo.vehicle.getRoute(self._name)}
+        route = {self._edge, *self.route}
         begins_m: dict[int, float] = {}
         joined_m: dict[int, float] = {}
-        for lane, (index, begin_m) in self._strips.items():
+        for lane, (index, begin_m, _) in self._pairs():
             begins_m[index] = min(begin_m, begins_m.get(index, math.inf))
             if _edge_of(lane) in route:
                 joined_m[index] = min(begin_m, joined_m.get(index, math.inf))
@@ -267,18 +321,46 @@ class Surroundings:
             if end_m < math.inf or from_m > ORIGIN_M or begin_m < from_m:
                 parts.append(PartialLane(index, begin_m, end_m, from_m, end_m))
         lanes = tuple(index not in self._closed for index in range(max(begins_m) + 1))
-        limits = self._speed_limits(len(lanes))
         return Road(
-            OPEN_LAP_M, self.lane_width_m, lanes, OPEN_LAP_M, tuple(parts), speed_limits=limits
+            OPEN_LAP_M,
+            self.lane_width_m,
+            lanes,
+            OPEN_LAP_M,
+            tuple(parts),
+            forbidden_lines=tuple(self._forbidden_lines()),
+            speed_limits=self._speed_limits(len(lanes)),
         )
 
+    def _pairs(self) -> Iterator[tuple[str, Strip]]:
+        """Yield each lane of SUMO with each of its strips."""
+        return ((lane, strip) for lane, own in self._strips.items() for strip in own)
+
+    def _forbidden_lines(self) -> Iterator[ForbiddenLine]:
+        """Yield the lines between two lanes of an edge that the vehicle's class may not cross."""
+        kind = self._sumo.vehicle.getVehicleClass(self._name)
+        for lane, (index, begin_m, _) in self._pairs():
+            edge, _, number = lane.rpartition("_")
+            for side in (1, -1):
+                if f"{edge}_{int(number) + side}" in self._strips:
+                    permitted = self._sumo.lane.getChangePermissions(lane, side)
+                    if kind not in permitted and "all" not in permitted:
+                        end_m = begin_m + self._length_m[lane]
+                        yield ForbiddenLine(index, side, begin_m, end_m)
+
     def _speed_limits(self, lanes: int) -> tuple[tuple[SpeedLimit, ...], ...]:
-        """Return what SUMO allows the vehicle on each strip, by lane and in driving order."""
-        factor = float(self._sumo.vehicle.getSpeedFactor(self._name))
+        """Return what SUMO allows the vehicle on each strip, by lane and in driving order.
+
+        SUMO tells the limit of its class on the present lane only.
+        """
+        vehicle, name = self._sumo.vehicle, self._name
+        factor, fastest = float(vehicle.getSpeedFactor(name)), float(vehicle.getMaxSpeed(name))
+        present_m_s = float(vehicle.getAllowedSpeed(name))
         found = [list[SpeedLimit]() for _ in range(lanes)]
-        for name, (index, begin_m) in self._strips.items():
-            allowed_m_s = factor * float(self._sumo.lane.getMaxSpeed(name))
-            found[index].append(SpeedLimit(begin_m, begin_m + self._length_m[name], allowed_m_s))
+        for lane, (index, begin_m, _) in self._pairs():
+            allowed_m_s = min(factor * float(self._sumo.lane.getMaxSpeed(lane)), fastest)
+            if _edge_of(lane) == self._edge:
+                allowed_m_s = min(allowed_m_s, present_m_s)
+            found[index].append(SpeedLimit(begin_m, begin_m + self._length_m[lane], allowed_m_s))
         return tuple(tuple(sorted(limits)) for limits in found)
 
 
@@ -292,5 +374,5 @@ def _beside(name: str, arrived: dict[str, Strip]) -> Strip:
         return arrived[name]
     at = int(name.rpartition("_")[2])
     nearest = min(arrived, key=lambda other: abs(int(other.rpartition("_")[2]) - at))
-    index, begin_m = arrived[nearest]
-    return Strip(index + at - int(nearest.rpartition("_")[2]), begin_m)
+    strip = arrived[nearest]
+    return strip._replace(lane=strip.lane + at - int(nearest.rpartition("_")[2]))

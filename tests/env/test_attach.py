@@ -42,8 +42,8 @@ def net(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build(tmp_path_factory.mktemp("net"), EDGES)
 
 
-def build(folder: Path, edges: str, nodes: str = NODES) -> Path:
-    for name, text in (("nod", nodes), ("edg", edges), ("con", LINKS)):
+def build(folder: Path, edges: str, nodes: str = NODES, links: str = LINKS) -> Path:
+    for name, text in (("nod", nodes), ("edg", edges), ("con", links)):
         (folder / f"{name}.xml").write_text(text)
     arguments = ["-n", "nod.xml", "-e", "edg.xml", "-x", "con.xml", "-o", "net.xml"]
     subprocess.run([program("netconvert"), *arguments], cwd=folder, check=True, capture_output=True)
@@ -58,7 +58,8 @@ def sumo() -> Iterator[ModuleType]:
 
 def begin(net: Path, vehicles: str, types: str = CAR, *options: str) -> None:
     """Start SUMO with these vehicles, and make the step in which they depart."""
-    routes = f'<route id="on" edges="in on"/><route id="off" edges="in off"/>{types}{vehicles}'
+    known = [edge for edge in ("on", "off") if f'<edge id="{edge}"' in net.read_text()]
+    routes = "".join(f'<route id="{edge}" edges="in {edge}"/>' for edge in known) + types + vehicles
     file = net.parent / "demand.rou.xml"
     file.write_text(f"<routes>{routes}</routes>")
     wanted = options or ("--step-length", "0.5", "--lateral-resolution", "3.5")
@@ -208,6 +209,155 @@ def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(
     assert not scene_of(ego).affordances.has_lane(-1)
 
 
+def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane(
+    net: Path, sumo: ModuleType
+) -> None:
+    long = (
+        '<vType id="long" length="18" maxSpeed="5" speedFactor="1"/><route id="away" edges="off"/>'
+    )
+    truck = car("truck", 0, 5, 5, "away").replace('type="car"', 'type="long"')
+    begin(net, car("ego", 0, 550, 10) + truck, CAR + long)
+    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    at_m, over_m = sumo.vehicle.getLanePosition("truck"), sumo.lane.getLength(":b_0_0")
+    ego.step()
+    front = scene_of(ego).affordances.own_front
+    assert front is not None  # though its lane is no part of the route
+    ahead_m = sumo.lane.getLength("in_0") - sumo.vehicle.getLanePosition("ego")
+    assert front.gap_m == pytest.approx(ahead_m + over_m + at_m - 18, abs=1e-6)
+    while sumo.vehicle.getLanePosition("truck") + over_m < 18 or ego._commands:
+        sumo.simulationStep()
+        ego.step()
+    sumo.simulationStep()
+    ego.step()
+    assert scene_of(ego).snapshot.ids == ("ego",)
+
+
+def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path, sumo: ModuleType) -> None:
+    """Four edges of 100 m: e3 is behind the ego and, within its range of 250 m, ahead."""
+    places = ((0, 0), (100, 0), (100, 100), (0, 100))
+    nodes = "".join(f'<node id="n{k}" x="{x}" y="{y}"/>' for k, (x, y) in enumerate(places))
+    edges = "".join(
+        f'<edge id="e{k}" from="n{k}" to="n{(k + 1) % 4}" numLanes="1" speed="30"/>'
+        for k in range(4)
+    )
+    ends = (f'from="e{k}" to="e{(k + 1) % 4}" fromLane="0" toLane="0"' for k in range(4))
+    links = "".join(f"<connection {each}/>" for each in ends)
+    parts = (f"<nodes>{nodes}</nodes>", f"<connections>{links}</connections>")
+    net = build(tmp_path, f"<edges>{edges}</edges>", *parts)
+    ways = {k: " ".join(f"e{(k + n) % 4}" for n in range(40)) for k in (0, 1, 3)}
+    routes = "".join(f'<route id="from{k}" edges="{way}"/>' for k, way in ways.items())
+    cars = (("ego", 40, 0), ("ahead", 60, 1), ("behind", 50, 3))
+    slow = CAR.replace('maxSpeed="30"', 'maxSpeed="5"')
+    begin(net, "".join(car(name, 0, at, 5, f"from{k}") for name, at, k in cars), routes + slow)
+    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    told = 0
+    for _ in range(160):  # a lap
+        if ego.step() is not None:
+            seen = scene_of(ego).affordances
+            assert seen.own_front is not None
+            assert seen.own_rear is not None
+            if leader := sumo.vehicle.getLeader("ego", 300):
+                told += 1
+                gap_m = leader[1] + sumo.vehicle.getMinGap("ego")
+                assert seen.own_front.gap_m == pytest.approx(gap_m, abs=1e-6)
+        sumo.simulationStep()
+    assert told > 40
+
+
+def test_of_two_lanes_that_lead_to_one_the_one_that_gives_way_ends(
+    tmp_path: Path, sumo: ModuleType
+) -> None:
+    edges = """<edges><edge id="in" from="a" to="b" numLanes="2" speed="30" width="3.5"/>
+    <edge id="on" from="b" to="c" numLanes="1" speed="30" width="3.5"/></edges>"""
+    form = '<connection from="in" to="on" fromLane="{}" toLane="0"/>'
+    net = build(
+        tmp_path, edges, links=f"<connections>{form.format(0)}{form.format(1)}</connections>"
+    )
+    begin(net, car("ego", 0, 400))
+    ego = drl_av.attach(sumo, "ego", "gap-mobil", "paper")
+    ego.step()
+    major = {lane: sumo.lane.getLinks(f"in_{lane}")[0][5] == "M" for lane in (0, 1)}
+    assert major == {0: False, 1: True}
+    mandatory = scene_of(ego).affordances.mandatory
+    assert mandatory.lanes == 1
+    assert mandatory.within_m == pytest.approx(sumo.lane.getLength("in_0") - 400, abs=1e-6)
+
+
+def test_a_new_route_and_a_lane_that_is_closed_now_count_at_the_next_decision(
+    net: Path, sumo: ModuleType
+) -> None:
+    begin(net, car("ego", 1, 100))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    ego.step()
+    assert scene_of(ego).affordances.mandatory.lanes == 0
+    sumo.vehicle.changeTarget("ego", "off")  # from the lane on the right
+    sumo.lane.setDisallowed("in_2", ["all"])
+    for _ in range(2):
+        sumo.simulationStep()
+        ego.step()
+    assert scene_of(ego).affordances.mandatory.lanes == -1
+    assert not scene_of(ego).affordances.has_lane(1)
+
+
+def test_a_route_to_a_light_is_refused_under_strict_when_it_begins(
+    tmp_path: Path, sumo: ModuleType
+) -> None:
+    nodes = NODES.replace("</nodes>", '<node id="y" x="1800" y="0"/></nodes>')
+    nodes = nodes.replace('id="c" x="1200" y="0"', 'id="c" x="1200" y="0" type="traffic_light"')
+    more = '<edge id="far" from="c" to="y" numLanes="2" speed="25" width="3.5"/></edges>'
+    begin(build(tmp_path, EDGES.replace("</edges>", more), nodes), car("ego", 1, 100))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "strict")
+    ego.step()
+    sumo.vehicle.changeTarget("ego", "far")
+    sumo.simulationStep()
+    ego.step()
+    sumo.simulationStep()
+    with pytest.raises(ConfigError, match=r"on_\d does: take the check paper"):
+        ego.step()
+
+
+def test_an_ego_off_its_centre_goes_there_first(net: Path, sumo: ModuleType) -> None:
+    begin(net, car("ego", 1, 100))
+    sumo.vehicle.changeSublane("ego", 0.6)
+    while sumo.vehicle.getLateralLanePosition("ego") < 0.5:
+        sumo.simulationStep()
+    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    for _ in range(10):
+        ego.step()
+        sumo.simulationStep()
+    assert sumo.vehicle.getLateralLanePosition("ego") == pytest.approx(0.0, abs=1e-6)
+    assert sumo.vehicle.getLaneID("ego") == "in_1"
+
+
+def test_a_line_that_no_vehicle_may_cross_is_not_crossed(tmp_path: Path, sumo: ModuleType) -> None:
+    lane = '<lane index="1" changeLeft="authority" width="3.5"/></edge>'
+    edges = EDGES.replace(
+        'speed="40" width="3.5"/>\n<edge id="on"', f'speed="40" width="3.5">{lane}\n<edge id="on"'
+    )
+    begin(build(tmp_path, edges), car("ego", 1, 100))
+    ego = drl_av.attach(sumo, "ego", GoesLeft(), "paper")
+    decision = ego.step()
+    assert decision is not None
+    assert decision["executed_action"] == MAINTAIN
+    assert decision["rule"] != ""
+
+
+def test_the_ego_is_no_faster_than_its_vehicle(net: Path, sumo: ModuleType) -> None:
+    begin(net, car("ego", 2, 100, 20), CAR.replace('maxSpeed="30"', 'maxSpeed="24"'))
+    ego = drl_av.attach(sumo, "ego", "idm", "paper")
+    for _ in range(20):
+        ego.step()
+        sumo.simulationStep()
+    assert sumo.vehicle.getSpeed("ego") == pytest.approx(24.0)
+
+
+def test_two_egos_drive_under_strict(net: Path, sumo: ModuleType) -> None:
+    """The type of an ego that is attached has our limits, not those with which SUMO obeys us."""
+    begin(net, car("one", 1, 100) + car("two", 2, 150))
+    egos = [drl_av.attach(sumo, name, "gap-mobil", "strict") for name in ("one", "two", "one")]
+    assert all(ego.step() is not None for ego in egos)
+
+
 def test_a_driver_of_ppo_sees_the_road_of_the_simulation(net: Path, sumo: ModuleType) -> None:
     begin(net, car("ego", 2, 100, route="off"))  # two lanes to the left of its exit
     weight, bias = np.zeros((12, INPUTS), np.float32), np.zeros(12, np.float32)
@@ -245,6 +395,12 @@ HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
             "SUMO's step length is 0.3 s, but must divide one second",
         ),
         ((), CAR, {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
+        (
+            (),
+            CAR,
+            {"config": {"ego": {"max_speed_m_s": 19.0}}},
+            r"drives 20 m/s, but ego.max_speed_m_s is 19: raise that, .*: 21\}\}",
+        ),
         ((), CAR, {"driver": "sumo"}, "SUMO drives the vehicle already"),
         (
             (),

@@ -167,6 +167,8 @@ def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
         ("--remote-port 8899", "sumo_options has remote-port, which drl-av sets itself: leave it"),
         ("--num-clients=2", "sumo_options has num-clients"),
         ("-r mine.rou.xml", "sumo_options has -r, but drl-av places the vehicles"),
+        ("-g my.view.xml", "sumo_options has g, which drl-av sets itself"),
+        ("--start", "sumo_options has start, which drl-av sets itself"),
         ("--route-files mine.rou.xml", "drive with drl_av.attach"),
         ("--fcd-output 'fcd.xml", "close its quotation mark"),
         ("--fcd-outptu fcd.xml", "correct sumo_options"),
@@ -179,3 +181,24 @@ def test_an_option_that_cannot_be_is_one_sentence(options: Any, said: str) -> No
         with closing(HighwayEnv(sumo_options=options)) as env:
             env.reset(seed=0, options={"vehicles": 1})
     assert isinstance(raised.value, ConfigError if said[:7] != "correct" else SimulationError)
+
+
+@pytest.mark.parametrize(
+    ("element", "sentence"),
+    [
+        ('<vehicle id="i" depart="0" route="x"/>', "<vehicle>, a vehicle or a person that the ego"),
+        ('<calibrator id="c" lane="e0_0" pos="1"><flow begin="0" end="9"/></calibrator>', "<flow>"),
+        (
+            '<variableSpeedSign id="v" lanes="e0_0"><step time="0" speed="9"/></variableSpeedSign>',
+            "<variableSpeedSign>, a speed limit that the ego does not see: leave it out, or drive",
+        ),
+    ],
+)
+def test_a_file_that_adds_what_the_ego_does_not_see_is_refused(
+    here: Path, element: str, sentence: str
+) -> None:
+    (here / "empty.add.xml").write_text('<additional><poi id="p" x="0" y="0"/></additional>')
+    (here / "more.add.xml").write_text(f"<additional>{element}</additional>")
+    with pytest.raises(ConfigError, match=r"The additional file more\.add\.xml has " + sentence):
+        HighwayEnv(sumo_options="-a empty.add.xml,more.add.xml")
+    HighwayEnv(sumo_options="-a empty.add.xml").close()
