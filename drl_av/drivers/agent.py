@@ -223,6 +223,12 @@ def _require_spaces(path: Path, observes: Any, acts: Any, observed: int, own: An
     spaces = observes.shape, getattr(acts, "n", None)
     fits = spaces[0] == here if own is None else _is_alike(observes, own)
     if fits and spaces[1] == len(ACTIONS):
+        if own is None and _is_rescaled(observes):
+            raise CheckpointError(
+                f"{path} was trained on observations with bounds that the environment does not "
+                "have, as gymnasium's RescaleObservation or another wrapper makes them: give a "
+                "factory module:function whose driver does what the wrapper did."
+            )
         return
     remedy = "use PolicyDriver(policy, observe) in Python"
     frames, rest = divmod(int(np.prod(spaces[0] or ())), observed)
@@ -237,15 +243,27 @@ def _require_spaces(path: Path, observes: Any, acts: Any, observed: int, own: An
         remedy = f"set observation.way as in its training, or {remedy}"
     elif spaces[1] == len(ACTIONS):
         remedy = "name the observation of its training (--observation, observation=), if any"
-    was, now = (each or "of a dictionary" for each in (spaces[0], here))
+    if own is not None and spaces[1] == len(ACTIONS):
+        was, now = (" ".join(str(each).split())[:200] for each in (observes, own))
+        raise CheckpointError(f"{path} was trained with {was}, but drives with {now}: {remedy}.")
+    actions = "actions of another kind" if spaces[1] is None else f"{spaces[1]} actions"
     raise CheckpointError(
-        f"{path} was trained with observations of shape {was} and {spaces[1]} actions, "
-        f"but drives with {now} and {len(ACTIONS)} here: {remedy}."
+        f"{path} was trained with observations of shape {spaces[0] or 'of a dictionary'} and "
+        f"{actions}, but drives with {here} and {len(ACTIONS)} here: {remedy}."
     )
 
 
+def _is_rescaled(observes: Any) -> bool:
+    """Whether a wrapper set other bounds: an indicator's are -b and b, and not every b is equal."""
+    low, high = observes.low, observes.high
+    return bool(np.isfinite(high).all() and ((low != -high).any() or (high == high[0]).all()))
+
+
 def _is_alike(observes: Any, here: Any) -> bool:
-    """Whether an agent of one space can observe another; images may have their channels first."""
+    """Whether an agent of one space can observe another; images may have their channels first.
+
+    The bounds must be the same, too: a wrapper that rescales observations changes them alone.
+    """
     from gymnasium.spaces import Box, Dict
 
     if isinstance(here, Dict):
@@ -255,8 +273,15 @@ def _is_alike(observes: Any, here: Any) -> bool:
             and all(_is_alike(observes[key], here[key]) for key in here)
         )
     if isinstance(here, Box):
-        shapes = here.shape, (*here.shape[-1:], *here.shape[:-1])
-        return isinstance(observes, Box) and observes.shape in shapes
+        if not isinstance(observes, Box):
+            return False
+        first = np.moveaxis(here.low, -1, 0), np.moveaxis(here.high, -1, 0)
+        return any(
+            observes.shape == low.shape
+            and np.allclose(observes.low, low)
+            and np.allclose(observes.high, high)
+            for low, high in ((here.low, here.high), first)
+        )
     return bool(observes == here)
 
 

@@ -174,13 +174,17 @@ class OwnObservation:
     def __call__(self, scene: Scene) -> Any:
         """Return the user's observation; raise ConfigError if it does not lie in its space."""
         observation = self._observe(scene)
-        if not self.space.contains(observation):
-            shape, kind = np.shape(observation), getattr(observation, "dtype", type(observation))
-            raise ConfigError(
-                f"The observation has the shape {shape} and the type {kind}, or a value out of "
-                f"bounds, and does not lie in its space {self.space}: change one of the two."
-            )
-        return observation
+        try:
+            if self.space.contains(observation):
+                return observation
+            shape = np.shape(observation)
+        except ValueError:  # a ragged sequence
+            shape = "of no array"
+        kind = getattr(observation, "dtype", type(observation))
+        raise ConfigError(
+            f"The observation has the shape {shape} and the type {kind}, or a value out of "
+            f"bounds, and does not lie in its space {self.space}: change one of the two."
+        )
 
 
 def observation_function(

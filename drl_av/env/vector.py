@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
+from copy import copy, deepcopy
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -40,10 +40,9 @@ from drl_av.env.observation import (
     default_groups,
     observation_function,
 )
-from drl_av.env.transition import RewardFunction, Transition, custom_reward
+from drl_av.env.transition import RewardFunction, custom_reward
 from drl_av.env.twin_episodes import CHECK_NUMBERS, look_all
 from drl_av.env.vector_info import (
-    Decided,
     common_info,
     marked,
     step_info,
@@ -138,9 +137,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self._masked, self._threads = action_mask, threads
         self._is_fork = self._begun = False
         self.most_decisions = most_decisions(config, self._scenario.layout)
-        if max_episode_steps is not None:
-            require_numbers(max_episode_steps=(max_episode_steps, 1, None))
-            self.most_decisions = min(self.most_decisions, int(max_episode_steps))
+        self._limit = self.most_decisions if max_episode_steps is None else max_episode_steps
+        require_numbers(max_episode_steps=(self._limit, 1, None))
         if autoreset_mode not in (*AutoresetMode, *(modes := [m.value for m in AutoresetMode])):
             raise ConfigError(not_one_of("autoreset_mode", autoreset_mode, modes))
         self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
@@ -219,7 +217,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
                 )
             self._begin(np.flatnonzero(begins))
         rows = np.flatnonzero(~begins)
-        before = None if self._reward is None else self._seen(self._observations())
+        before = None if self._reward is None else self._seen(self._observed)
+        self._begun = False  # until the decision is complete: a function of the user may raise
         executed = self.episodes.executed[self._rows, proposed]
         rules = self.episodes.rules[self._rows, proposed]
         self._decide(rows, proposed)
@@ -227,6 +226,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
         late = self.episodes.decisions >= self.most_decisions
         truncated = (late | (self.episodes.scene[:, 0, 0] >= self.road.end_m)) & goes_on
+        ends = terminated | truncated
+        truncated |= (self.episodes.decisions >= self._limit) & goes_on
         r_v, r_y, r_x = self.episodes.terms.T
         rewards = (r_v + r_y + r_x) / 3
         rewards[terminated] = self.config.reward.collision_reward
@@ -234,11 +235,11 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self._over = terminated | truncated
         if self.open is not None:
             for row in rows.tolist():
-                self.ways[row] = self.open.way(row, self._indicators(row), bool(self._over[row]))
+                self.ways[row] = self.open.way(row, self._indicators(row), bool(ends[row]))
         info = self._info()
         decided = proposed, executed, rules
         info |= step_info(
-            self.episodes, self._over, self.ways, decided, self.collided_with.copy(), ~begins
+            self.episodes, ends, self.ways, decided, self.collided_with.copy(), ~begins
         )
         if not goes_on.all():
             info |= self._start_info(np.flatnonzero(begins))
@@ -246,8 +247,12 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if self._reward is not None and before is not None:
             now, outcome = self._seen(observations), (rewards, terminated, truncated)
             for row in rows.tolist():
-                made = self._transition(row, (before[row], now[row]), decided, outcome)
+                missed = self.open is not None and self.open.misses_exit(row, self._indicators(row))
+                route, name = (self.ways[row], missed), self.collided_with[row]
+                seen = before[row], now[row]
+                made = transition_of(row, self.episodes, seen, decided, outcome, route, name)
                 rewards[row] = custom_reward(self._reward, made)
+        self._begun = True
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
             observations = self._restart(observations, info)
         return observations, rewards, terminated, truncated, info
@@ -296,6 +301,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             left = models, kind, decisions, timing.decisions_per_episode - decisions
             for row in range(n):
                 fork._set_events(row, draw_future(seed + row, *left))
+        if self._reward is not None:
+            fork._observations()
         return fork
 
     def action_masks(self) -> npt.NDArray[np.int8]:
@@ -310,7 +317,12 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             self._pool = None
 
     def _observations(self) -> Observations:
-        """Return a copy of the present observations."""
+        """Return a copy of the present observations, which the next decision's record holds."""
+        seen = self._look()
+        self._observed = seen if self._reward is None else deepcopy(seen)
+        return seen
+
+    def _look(self) -> Observations:
         if isinstance(self._observe, WideObservation):
             return wide_view(self)[0][:, :WIDE_SIZE].copy()
         if not isinstance(self._observe, GroupObservation):
@@ -335,19 +347,6 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """Return the present scene of each world, with its observation."""
         each = iterate(self.observation_space, observations)
         return [*zip(map(self.scene, range(self.num_envs)), each, strict=True)]
-
-    def _transition(
-        self,
-        row: int,
-        seen: tuple[tuple[Scene, Any], tuple[Scene, Any]],
-        decided: Decided,
-        outcome: tuple[npt.NDArray[Any], ...],
-    ) -> Transition:
-        """Return the record of a world's decision."""
-        missed = self.open is not None and self.open.misses_exit(row, self._indicators(row))
-        route = self.ways[row], missed
-        name = self.collided_with[row]
-        return transition_of(row, self.episodes, seen, decided, outcome, route, name)
 
     def _begin(
         self,

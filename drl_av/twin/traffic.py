@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from drl_av.drivers.background.finite_state import HardBraking
 from drl_av.drivers.background.traffic import in_order
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator, kind_of_traffic
+from drl_av.road.vehicle_types import AS_WRITTEN
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.layout import split_long_edges
@@ -142,20 +144,31 @@ def routes_of(lengths_m: FloatArray, is_loop: bool) -> FloatArray:
 
     It regards the rest of the route, but no more edges than are needed for ``ROUTE_M``.
     """
-    if is_loop:
-        return np.full(len(lengths_m), ROUTE_M)
-    found = []
-    for edge in range(len(lengths_m)):
-        ways_m = lengths_m[edge:].cumsum()
+    edges, found = len(lengths_m), []
+    laps = 2 + max(math.ceil(ROUTE_M / lengths_m.sum()), LEAST_EDGES) if is_loop else 1
+    along_m = np.tile(lengths_m, laps)
+    for edge in range(edges):
+        ways_m = along_m[edge:].cumsum()
         enough = int(np.searchsorted(ways_m, ROUTE_M))
         found.append(ways_m[min(max(enough, LEAST_EDGES - 1), len(ways_m) - 1)])
     return np.array(found)
 
 
+LEAST_ROOM_M = 1.2
+"""With less room beside it in its lane, a vehicle of SUMO moves aside for those beside it."""
+
+
 def require_supported(scenario: Scenario, config: Config) -> None:
     """Raise ConfigError, with the reason, for what the twin cannot do."""
     timing = config.simulation
-    lanes = np.flatnonzero(scenario.road.open_lanes)
+    lanes, types = np.flatnonzero(scenario.road.open_lanes), scenario.vehicle_types
+    changed = any(
+        replace(one, length_m=written.length_m, width_m=written.width_m) != written
+        for one, written in ((types.traffic, AS_WRITTEN.traffic), (types.ego, AS_WRITTEN.ego))
+    )
+    traffic = [kind.traffic for kind in config.per_traffic_preset]
+    trucks_m = (each.truck_width_m for each in traffic if each.truck_share)
+    widest_m = max([types.traffic.width_m, *trucks_m])
     refused = {
         "imported roads": isinstance(scenario.description, ImportedDescription),
         "a barricade between open lanes": len(lanes) != lanes[-1] - lanes[0] + 1,
@@ -165,9 +178,13 @@ def require_supported(scenario: Scenario, config: Config) -> None:
             scenario.road.speed_limits or scenario.road.forbidden_lines
         ),
         "vehicle types of the user": bool(scenario.vehicle_types.own),
+        "changes of vehicle_types.add.xml other than sizes": changed,
+        f"lanes less than {LEAST_ROOM_M:g} m wider than their widest vehicle": (
+            scenario.road.lane_width_m - widest_m <= LEAST_ROOM_M + 1e-9
+        ),
         "a simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
         "a simulation.lateral_resolution_m other than the lane width": not math.isclose(
-            timing.lateral_resolution_m, scenario.road.lane_width_m
+            timing.strip_width_m(scenario.road.lane_width_m), scenario.road.lane_width_m
         ),
     }
     for what, is_so in refused.items():

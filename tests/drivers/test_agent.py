@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.wrappers import NormalizeObservation
+from gymnasium.wrappers import NormalizeObservation, RescaleObservation
 from programs import python
 from runs import error_message
 from stable_baselines3 import A2C, DQN, PPO
@@ -350,8 +350,24 @@ def test_a_dictionary_with_other_keys_is_another_observation(tmp_path: Path) -> 
     )
     for here in ({"other": Gaps.space}, {"gaps": gymnasium.spaces.Box(-1, 1, (4,))}):
         space = gymnasium.spaces.Dict(here)
-        with pytest.raises(CheckpointError, match="of a dictionary and 12 actions, but drives"):
+        with pytest.raises(CheckpointError, match=r"with Dict\('gaps': .*, but drives with Dict\("):
             driver_of_agent(tmp_path / "a.zip", 27, space, lambda: permit_all)
+
+
+@pytest.mark.parametrize("most", [0.0, -1.0])
+def test_an_agent_of_rescaled_observations_is_refused(tmp_path: Path, most: float) -> None:
+    """A wrapper that keeps the shape changes the bounds alone."""
+    env = RescaleObservation(HighwayEnv(config=SHORT), np.float32(most), np.float32(1.0))
+    PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
+    with pytest.raises(CheckpointError, match="RescaleObservation or another wrapper makes them"):
+        loaded(tmp_path / "a.zip")
+    own = HighwayEnv(config=SHORT, observation=Gaps())
+    rescaled = RescaleObservation(own, np.float32(most), np.float32(1.0))
+    PPO("MlpPolicy", rescaled, n_steps=2, batch_size=2).save(tmp_path / "b.zip")
+    with pytest.raises(
+        CheckpointError, match=r"was trained with Box\(.*, but drives with Box\(-250"
+    ):
+        driver_of_agent(tmp_path / "b.zip", 27, Gaps.space, lambda: permit_all)
 
 
 def test_an_agent_of_another_observation_is_told_to_name_its_own(tmp_path: Path) -> None:

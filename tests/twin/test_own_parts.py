@@ -1,6 +1,7 @@
 """Rewards and observations of the user in many worlds: as in one environment, world by world."""
 
 from contextlib import closing
+from itertools import pairwise
 from typing import Any
 
 import gymnasium
@@ -135,3 +136,69 @@ def test_the_copies_of_a_fork_observe_and_pay_as_the_episode_does() -> None:
         observed, rewards, *_ = copies.step(np.array([0, 1, 2]))
         assert rewards.tolist() == observed["speed_m_s"][:, 0].tolist()
         assert rewards[2] < rewards[0] < rewards[1]
+
+
+class Noisy:
+    """An observation that is another one each time it is called."""
+
+    space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float32)
+
+    def __init__(self) -> None:
+        self.rng = np.random.default_rng(0)
+
+    def __call__(self, scene: object) -> Any:
+        return self.rng.normal(size=1).astype(np.float32)
+
+
+KEEP = np.zeros(1, np.int64)
+
+
+def test_the_reward_sees_the_observation_that_the_agent_saw() -> None:
+    seen: list[tuple[float, float]] = []
+
+    def reward(made: Any) -> float:
+        seen.append((float(made.observation[0]), float(made.next_observation[0])))
+        return 0.0
+
+    env = TwinVectorEnv(observation=Noisy(), reward=reward)
+    got = [float(env.reset(seed=1, options={"vehicles": 2})[0][0, 0])]
+    got += [float(env.step(KEEP)[0][0, 0]) for _ in range(3)]
+    assert seen == [*pairwise(got)]
+    ended = env.fork(1).step(KEEP)[0][0, 0]  # a copy looks anew at its first scene
+    assert seen[3][1] == ended
+    assert seen[3][0] not in got
+
+
+def test_after_an_error_in_a_reward_a_reset_comes_first() -> None:
+    """The decision was made, but nobody has what it led to."""
+    calls: list[int] = []
+
+    def reward(made: object) -> float:
+        calls.append(1)
+        if len(calls) == 2:
+            raise ZeroDivisionError
+        return 0.0
+
+    env = TwinVectorEnv(reward=reward)
+    env.reset(seed=1, options={"vehicles": 2})
+    env.step(KEEP)
+    with pytest.raises(ZeroDivisionError):
+        env.step(KEEP)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(KEEP)
+    env.reset(seed=1, options={"vehicles": 2})
+    env.step(KEEP)
+
+
+def test_a_limit_of_the_user_cuts_an_episode_short_and_ends_no_way() -> None:
+    env = TwinVectorEnv(scenario="exit", max_episode_steps=3)
+    alone = gymnasium.make("drl_av/Exit-v0", max_episode_steps=3)
+    for each in (env, alone):
+        each.reset(seed=1, options={"vehicles": 2})
+    for decision in (1, 2, 3):
+        *_, truncated, info = env.step(KEEP)
+        *_, alone_truncated, alone_info = alone.step(0)
+        assert bool(truncated[0]) == alone_truncated == (decision == 3)
+        assert (info["way"][0], bool(info["is_success"][0])) == ("", False)
+        assert (alone_info["way"], alone_info["is_success"]) == ("", False)
+    alone.close()

@@ -18,6 +18,7 @@ from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.replay import ReplaySession, replay_session
 from drl_av.learning.algorithm_1 import Training, build_training
+from drl_av.twin.traffic import routes_of
 
 TWIN = Config().updated("simulation", world="twin")
 SHORT = {"decisions_per_episode": 40}
@@ -135,6 +136,17 @@ def test_what_the_twin_cannot_do_is_refused(
     assert main(["scenario", str(folder), "--kind", "imported", *way]) == 0
     with pytest.raises(ConfigError, match=r"The twin does not know imported roads.*drive in SUMO"):
         HighwayEnv(folder, config=TWIN)
+    narrow = tmp_path / "narrow"
+    assert main(["scenario", str(narrow), "--lane-width-m", "3"]) == 0  # cars are 1.8 m wide
+    with pytest.raises(ConfigError, match=r"lanes less than 1\.2 m wider than their widest veh"):
+        HighwayEnv(narrow, config=TWIN)
+    edited = tmp_path / "edited"
+    assert main(["scenario", str(edited)]) == 0
+    (edited / "SHA256SUMS").unlink()
+    types = edited / "vehicle_types.add.xml"
+    types.write_text(types.read_text().replace('decel="4', 'decel="4.4', 1))
+    with pytest.raises(ConfigError, match=r"know changes of vehicle_types\.add\.xml other than"):
+        HighwayEnv(edited, config=TWIN)
     for given in ({"render_mode": "human"}, {"sumo_options": "--fcd-output fcd.xml"}):
         told = r"neither sumo-gui nor options and outputs of SUMO: drive in SUMO .*--video"
         with pytest.raises(ConfigError, match=told):
@@ -147,3 +159,12 @@ def test_what_the_twin_cannot_do_is_refused(
     assert main(large) == 1
     assert "set observation.way = true, as the preset" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+def test_a_driver_of_sumo_regards_3_km_of_a_loop_ahead_in_whole_edges() -> None:
+    assert routes_of(np.full(4, 250.0), True).tolist() == [3000.0] * 4
+    # five edges at the least, and of 700 m as many as make 3,000
+    assert routes_of(np.full(4, 5000.0), True).tolist() == [25_000.0] * 4
+    assert routes_of(np.full(4, 700.0), True).tolist() == [3500.0] * 4
+    # from the edge of 900 m: 900 + 1,000 + 400 + 900 + 1,000
+    assert routes_of(np.array([1000.0, 400.0, 900.0]), True)[2] == 4200.0
