@@ -242,7 +242,7 @@ def _require_spaces(path: Path, observes: Any, acts: Any, observed: int, own: An
     elif spaces[1] == len(ACTIONS) and {spaces[0], here} == INDICATOR_SHAPES:
         remedy = f"set observation.way as in its training, or {remedy}"
     elif spaces[1] == len(ACTIONS):
-        remedy = "name the observation of its training (--observation, observation=), if any"
+        remedy = "name the observation of its training (evaluate --observation), if any"
     if own is not None and spaces[1] == len(ACTIONS):
         was, now = (" ".join(str(each).split())[:200] for each in (observes, own))
         raise CheckpointError(f"{path} was trained with {was}, but drives with {now}: {remedy}.")

@@ -163,8 +163,15 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
         word = str(given.absolute()) if isinstance(given, Path) else given
         group, trainings = trainings_of(word)
         for each in trainings:
-            if groups.setdefault(each, group) != group or group in driver_names():
-                raise ConfigError(f"{group} and {each} name drivers twice: rename {word}.")
+            if (known := groups.setdefault(each, group)) != group:
+                where = sorted(
+                    f"in the group {name}" if name else "alone" for name in (known, group)
+                )
+                raise ConfigError(
+                    f"{each} is named twice, {' and '.join(where)}: leave it out once."
+                )
+            if group in driver_names():
+                raise ConfigError(f"{group} is the name of a driver that ships: rename {word}.")
     for word in groups:
         own, _ = _with_check(word)
         if own in RULE_DRIVERS:

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -255,7 +256,12 @@ def worst_sessions(
         rows = read_table(table)
         kind = CriticalityResult if rows and "driven_m" in rows[0] else EpisodeResult
         results = results_of(rows, kind)
-        config = stored_config(read_provenance(beside, table)["settings"], beside.name)
+        facts = read_provenance(beside, table)
+        config = stored_config(facts["settings"], beside.name)
+    for name, was in facts.get("custom", {}).items():
+        if was and name in CustomParts._fields and name not in custom.words():
+            its, option = re.sub(" [0-9a-f]{64}$", "", was), f"--{name.replace('_', '-')}"
+            raise ConfigError(f"{table} was made with {option} {its}: give it again.")
     config = on_its_road(config, table, scenario)
     numbers = [name for name, value in vars(results[0]).items() if not isinstance(value, str)]
     if column not in numbers:

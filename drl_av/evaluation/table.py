@@ -172,8 +172,10 @@ class ResultTable:
         """
         new = [row for row in rows if row not in self]
         for row in new:
-            if self._rows and row.keys() != next(iter(self._rows.values())).keys():
-                raise settings_mismatch(self.path, self.beside)
+            had = next(iter(self._rows.values()), row)
+            if other := [name for name in (*row, *had) if (name in row) != (name in had)]:
+                which = "only here" if other[0] in row else "only there"
+                raise settings_mismatch(self.path, self.beside, f"column {other[0]}, {which}")
             self._rows[self._place(row)] = row
         return bool(new)
 

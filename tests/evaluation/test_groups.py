@@ -131,8 +131,12 @@ def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(
     assert trainings_of("rate=1") == ("", ["rate=1"])
     for words, why in (
         (["ppo=gone/*"], "No file or folder matches 'gone/\\*'"),
-        (["idm=runs/*"], "name drivers twice: rename idm="),
-        (["ppo=runs/*", "dqn=runs/seed-2"], "name drivers twice: rename dqn="),
+        (["idm=runs/*"], r"idm is the name of a driver that ships: rename idm=runs/\*"),
+        (
+            ["ppo=runs/*", "dqn=runs/seed-2"],
+            "runs/seed-2 is named twice, in the group dqn and in the group ppo: leave it out once",
+        ),
+        (["ppo=runs/*", "runs/seed-2"], "is named twice, alone and in the group ppo"),
     ):
         with pytest.raises(ConfigError, match=why):
             find_drivers(words)

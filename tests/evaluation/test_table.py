@@ -100,7 +100,7 @@ def test_rows_of_other_settings_or_drivers_are_not_mixed(inputs: Inputs, saved: 
 
 def test_a_row_of_other_columns_is_not_added(saved: Path) -> None:
     table = opened(saved)
-    with pytest.raises(DrlAvError, match="other settings, columns or drivers"):
+    with pytest.raises(DrlAvError, match=r"or drivers \(column collided, only here\): choose"):
         table.add({**row(5, 1), "collided": "False"})
 
 

@@ -163,6 +163,8 @@ def test_an_agent_of_an_observation_of_its_own_is_driven_again_with_it(
     words += ["simulation.decisions_per_episode=5"]
     assert main(["evaluate", *words, "--observation", "seen:SEEN", "--out", "a.csv"]) == 0
     worst = ["replay", "a.csv", "--worst", "mean_speed_m_s", "--record", "a.npz"]
+    assert main(worst) == 1
+    assert "a.csv was made with --observation seen:SEEN: give it again" in error_message(capsys)
     assert main([*worst, "--observation", "seen:SEEN"]) == 0
     assert "exactly as recorded, 5 decisions" in capsys.readouterr().out
     with ZipFile("a.npz", "a") as archive:
