@@ -542,6 +542,20 @@ def test_an_unknown_encoding_is_named(tmp_path: Path) -> None:
         along(net, 1)
 
 
+def test_a_projection_and_heights_are_left_out_by_name(tmp_path: Path) -> None:
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="900" y="0" z="{}"/>'
+    edge = '<edge id="L" from="a" to="b" numLanes="2" speed="30"/>'
+    level = converted(tmp_path, nodes.format(0), edge, None)
+    assert described(level, "L", "L").leaves_out == ()
+    hill = converted(tmp_path, nodes.format(20), edge, None)
+    text = hill.read_text().replace('projParameter="!"', 'projParameter="+proj=utm +zone=32"')
+    hill.write_text(text)
+    assert described(hill, "L", "L").leaves_out == (
+        "its projection: SUMO's outputs have no longitudes and latitudes",
+        "its heights: the road is level",
+    )
+
+
 def test_what_was_made_of_a_route_is_said_and_kept_in_the_folder(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(3), Part(2), ways=["e0 1 e1 0", "e0 2 e1 1"])
     text = net.read_text().replace('id="e0_0" ', 'id="e0_0" friction="0.50" ', 1)

@@ -312,6 +312,10 @@ def _left_out(file: NetFile, edges: Sequence[Any], steps: Sequence[Step]) -> Ite
     """Yield a phrase for everything that the network says about the route and that is left out."""
     if file.drives_left:
         yield "that its traffic drives on the left: the road is its mirror image"
+    if file.net.hasGeoProj():
+        yield "its projection: SUMO's outputs have no longitudes and latitudes"
+    if any(height_m for edge in edges for *_, height_m in edge.getShape3D()):
+        yield "its heights: the road is level"
     names = [edge.getID() for edge in edges]
     places: dict[str, list[str]] = {}
     inside = {lane["id"] for step in steps for way in step.inside.values() for lane in way}
