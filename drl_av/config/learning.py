@@ -79,7 +79,7 @@ SPAN_M_S = 10.0
 class PpoConfig(Section):
     """Proximal policy optimization (PPO) with masked actions; the reward is speed less costs.
 
-    decisions: decisions of the training, in all worlds together (ours)
+    decisions: decisions in all worlds together, rounded down to whole updates (ours)
     worlds: number of worlds that are driven at once (ours)
     batch_size: decisions in an update (ours)
     minibatch_size: decisions in a gradient step (ours)

@@ -144,14 +144,18 @@ def _without_check(name: str) -> str:
     return own if check in CHECKS else name
 
 
+BEST = "best_model.zip"
+"""What stable-baselines3's EvalCallback writes in every folder; the folder belongs to its name."""
+
+
 def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     """Find the driver that each word names; a repeated word counts once.
 
     A word is one of ``driver_names``, a path, or a factory, as for ``load_driver``; ``@`` and the
     name of a safety check may follow, such as ``pretrained@paper``. A driver with a path is named
-    after the last part of it, or after the whole path if another has that name. A name shows
-    control characters as escapes. A word ``NAME=PATTERN`` names the trainings of a group, whose
-    drivers are called ``NAME/LAST``; a driver beside a group is a group of its own.
+    after the last part of it (``BEST``: the last two), or after the whole path if another has that
+    name. A name shows control characters as escapes. A word ``NAME=PATTERN`` names the trainings of
+    a group, whose drivers are called ``NAME/LAST``; a driver beside a group is a group of its own.
 
     Raises:
         ConfigError: a word names no driver or check, or a group has the name of another driver or
@@ -187,7 +191,8 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
         else:
             raise _unknown(own)
     named = {*driver_names(), *filter(is_factory, runs)}
-    last = {word: Path(word).absolute().name for word in runs}
+    parts = {word: Path(word).absolute().parts for word in runs}
+    last = {w: "/".join(p[-1 - p[-1].startswith(BEST) :]) for w, p in parts.items()}
     short = {word: word if {word, last[word]} & named else last[word] for word in runs}
     count = Counter((groups[word], name) for word, name in short.items())
     specs = []

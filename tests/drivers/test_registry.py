@@ -158,3 +158,16 @@ def test_folder_without_a_policy_and_damaged_policy_are_refused(tmp_path: Path) 
     os.truncate(run / "policy.safetensors", 1000)
     with pytest.raises(CheckpointError, match="cut short"):
         default_config(find_drivers([str(run)]))
+
+
+def test_the_best_models_of_two_trainings_have_the_names_of_their_folders(here: Path) -> None:
+    for folder in ("one", "two"):
+        Path(folder).mkdir()
+        for name in ("best_model.zip", "last.zip"):
+            Path(folder, name).touch()
+    words = ["one/best_model.zip", "two/best_model.zip@paper", "one/last.zip"]
+    for order in (words, words[:1], words[::-1]):  # whatever drives beside it
+        names = dict(zip(order, (spec.name for spec in find_drivers(order)), strict=True))
+        assert names["one/best_model.zip"] == "one/best_model.zip"
+        assert names.get("one/last.zip", "last.zip") == "last.zip"
+        assert names.get(words[1], words[1]) == "two/best_model.zip@paper"
