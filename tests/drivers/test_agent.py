@@ -373,7 +373,7 @@ def test_an_agent_of_rescaled_observations_is_refused(tmp_path: Path, most: floa
 def test_an_agent_of_another_observation_is_told_to_name_its_own(tmp_path: Path) -> None:
     with HighwayEnv(config=SHORT, observation=("ego", "own_front")) as env:
         PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    with pytest.raises(CheckpointError, match=r"name the observation of its training \(evaluate --ob"):
+    with pytest.raises(CheckpointError, match=r"observation of its training \(evaluate --ob"):
         loaded(tmp_path / "a.zip")
     way = SHORT.updated("observation", way=True)
     with HighwayEnv(config=way) as env:
