@@ -217,7 +217,6 @@ def _to_the_centre(shot: Snapshot, road: Road) -> LaneChange | None:
     y_m = float(shot.y_m[EGO])
     target = road.lane_of(y_m)
     aside_m = y_m - road.center_m(target)
-    origin = target + (1 if aside_m > 0 else -1)
-    if abs(aside_m) <= CENTERED_M or not 0 <= origin < len(road.open_lanes):
-        return None
-    return LaneChange(origin, target)
+    side = 1 if aside_m > 0 else -1
+    lanes = [lane for lane in (target + side, target - side) if 0 <= lane < len(road.open_lanes)]
+    return LaneChange(lanes[0], target) if lanes and abs(aside_m) > CENTERED_M else None

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -55,7 +55,7 @@ class Surroundings:
 
     def __init__(self, sumo: Any, name: str, range_m: float) -> None:
         self._sumo, self._name, self._range_m = sumo, name, range_m
-        if name not in sumo.vehicle.getIDList():
+        if not self.is_on_the_road:
             raise SimulationError(
                 f"There is no vehicle {name!r} on the road: attach it once it has departed."
             )
@@ -83,8 +83,9 @@ class Surroundings:
 
     @property
     def is_on_the_road(self) -> bool:
-        """Whether SUMO still drives the vehicle: it has not arrived and was not removed."""
-        return self._name in self._sumo.vehicle.getIDList()
+        """Whether SUMO drives the vehicle: it has not arrived, is not removed and does not park."""
+        vehicle = self._sumo.vehicle
+        return self._name in vehicle.getIDList() and bool(vehicle.getLaneID(self._name))
 
     def read(self) -> tuple[Snapshot, Road]:
         """Return the vehicles within the range, the vehicle itself first, and the road there."""
@@ -135,8 +136,11 @@ class Surroundings:
         """
         kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self._name
         traffic_id = vehicle.getTypeID(name).removesuffix(f"@{name}")
-        ours = {f"{vehicle.getTypeID(each)}" for each in vehicle.getIDList() if self._is_ours(each)}
-        ours.add(f"{traffic_id}@{name}")
+        ours = {f"{traffic_id}@{name}"}
+        for each in vehicle.getIDList():
+            if vehicle.getSpeedMode(each) == ALL_SPEED_CHECKS_OFF:
+                kind = vehicle.getTypeID(each)
+                ours |= {kind} if kind.endswith(f"@{each}") else set()
         found = {
             kind: VehicleType(
                 kinds.getLength(kind),
@@ -160,10 +164,6 @@ class Surroundings:
             **size,
         )
         return VehicleTypes(traffic, own, found, traffic_id)
-
-    def _is_ours(self, name: str) -> bool:
-        """Whether a vehicle executes commands that ignore SUMO's checks, as after an ``attach``."""
-        return bool(self._sumo.vehicle.getSpeedMode(name) == ALL_SPEED_CHECKS_OFF)
 
     def lane_that_gives_way(self) -> str:
         """Return the first lane of the route that gives way or has a light; "" if none does."""
@@ -217,7 +217,7 @@ class Surroundings:
     def _follow_back(self, strips: Strips, lanes: Sequence[str]) -> None:
         """Add the strips that lead to these lanes, as far back as the range."""
         left = [(lane, strips[lane][0]) for lane in lanes]
-        found = {*lanes}
+        found = set[str]()
         while left:
             lane, (index, begin_m, _) = left.pop()
             for before in self._before.get(lane, ()):
@@ -232,12 +232,15 @@ class Surroundings:
         ahead = self.route[self._sumo.vehicle.getRouteIndex(self._name) + 1 :]
         last_m = ORIGIN_M + self._length_m[lanes[0]] + self._range_m
         here = {lane: strips[lane][0] for lane in lanes}
-        for following in ahead:
+        for following, next_edge in zip_longest(ahead, ahead[1:], fillvalue=""):
             names, arrived = self._lanes_of(following), dict[str, Strip]()
+            # of several lanes to which one leads, the one that leads on carries its number
+            best = [name for name in names if self._leads_to(name, next_edge)] or names
             # of two lanes that lead to one, the one that need not give way goes on
             for lane in sorted(here, key=lambda lane: not self._is_major(lane, names)):
-                if not self._lead_on(strips, lane, here[lane], names, arrived):
-                    ends_m[here[lane].lane] = here[lane].begin_m + self._length_m[lane]
+                if not self._lead_on(strips, lane, here[lane], names, best, arrived):
+                    end_m = here[lane].begin_m + self._length_m[lane]
+                    ends_m.setdefault(here[lane].lane, end_m)
             if not arrived:
                 return
             here = {name: _beside(name, arrived) for name in names}
@@ -245,6 +248,9 @@ class Surroundings:
                 strips.setdefault(name, []).append(strip)
             if here[names[0]].begin_m > last_m:
                 return
+
+    def _leads_to(self, lane: str, edge: str) -> bool:
+        return any(_edge_of(approached) == edge for approached, _ in self._after.get(lane, ()))
 
     def _is_major(self, lane: str, names: Sequence[str]) -> bool:
         links = self._sumo.lane.getLinks(lane)
@@ -256,19 +262,22 @@ class Surroundings:
         lane: str,
         strip: Strip,
         names: Sequence[str],
+        best: Sequence[str],
         arrived: dict[str, Strip],
     ) -> bool:
         """Follow a lane over the junction to one of the lanes ``names``; False if it leads to none.
 
-        The lanes inside the junction become strips, the lane behind it an entry of ``arrived``. The
-        other lanes to which it leads are beside our road: of those that leave it, the bodies that
-        reach back count, and one that merges is a part of the lane to which it leads.
+        If it leads to several, it goes on in one of ``best``. The lanes inside the junction become
+        strips, the lane behind it an entry of ``arrived``. The other lanes to which it leads are
+        beside our road: of those that leave it, the bodies that reach back count, and one that
+        merges is a part of the lane to which it leads.
         """
         end_m = strip.begin_m + self._length_m[lane]
-        leads_on = False
-        for approached, via in self._after.get(lane, ()):
-            merges = approached in arrived
-            goes_on = approached in names and not merges
+        after = self._after.get(lane, ())
+        free = [each for each, _ in after if each in names and each not in arrived]
+        main = next((each for each in free if each in best), free[0] if free else None)
+        for approached, via in after:
+            merges, goes_on = approached in arrived, approached == main
             left_m = math.inf if goes_on or merges else end_m
             index = arrived[approached].lane if merges else strip.lane
             own, at_m, inside = strips if goes_on else self._beside, end_m, via
@@ -277,11 +286,21 @@ class Surroundings:
                 at_m += self._length_m[inside]
                 inside = self._after[inside][0][1]
             if goes_on:
-                arrived[approached] = Strip(index, at_m)
-                leads_on = True
-            elif not merges and at_m < end_m + LENGTHS_M[1]:
-                self._beside.setdefault(approached, []).append(Strip(index, at_m, left_m))
-        return leads_on
+                at_main_m = at_m
+            if not goes_on and not merges and approached not in names:
+                self._follow_aside(approached, Strip(index, at_m, left_m))
+        if main is not None:
+            arrived[main] = Strip(strip.lane, at_main_m)
+        return main is not None
+
+    def _follow_aside(self, lane: str, strip: Strip) -> None:
+        """Add the lanes from which a body can reach back to the end of the one that it has left."""
+        while strip.begin_m < strip.left_m + LENGTHS_M[1]:
+            self._beside.setdefault(lane, []).append(strip)
+            strip = strip._replace(begin_m=strip.begin_m + self._length_m[lane])
+            if not (after := self._after.get(lane)):
+                return
+            lane = after[0][1]
 
     def _names(self, here_m: float) -> Iterator[str]:
         """Yield the vehicles on the strips within the range of the position ``here_m``."""
@@ -354,12 +373,14 @@ class Surroundings:
         """
         vehicle, name = self._sumo.vehicle, self._name
         factor, fastest = float(vehicle.getSpeedFactor(name)), float(vehicle.getMaxSpeed(name))
-        present_m_s = float(vehicle.getAllowedSpeed(name))
+        here_m_s = factor * float(self._sumo.lane.getMaxSpeed(vehicle.getLaneID(name)))
+        of_class_m_s = float(vehicle.getAllowedSpeed(name))
+        is_lower = of_class_m_s < min(here_m_s, fastest) - 1e-6
         found = [list[SpeedLimit]() for _ in range(lanes)]
         for lane, (index, begin_m, _) in self._pairs():
             allowed_m_s = min(factor * float(self._sumo.lane.getMaxSpeed(lane)), fastest)
-            if _edge_of(lane) == self._edge:
-                allowed_m_s = min(allowed_m_s, present_m_s)
+            if is_lower and _edge_of(lane) == self._edge:
+                allowed_m_s = min(allowed_m_s, of_class_m_s)
             found[index].append(SpeedLimit(begin_m, begin_m + self._length_m[lane], allowed_m_s))
         return tuple(tuple(sorted(limits)) for limits in found)
 

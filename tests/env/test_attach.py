@@ -264,6 +264,31 @@ def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path, sumo: Mod
     assert told > 40
 
 
+def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(
+    tmp_path: Path, sumo: ModuleType
+) -> None:
+    nodes = '<nodes><node id="a" x="0" y="0"/><node id="b" x="300" y="0"/></nodes>'
+    form = '<edge id="{}" from="{}" to="{}" numLanes="1" speed="30" length="{}" shape="{}"/>'
+    there = form.format("long", "a", "b", 300, "0,0 300,0")
+    back = form.format("short", "b", "a", 60, "300,0 150,90 0,0")
+    links = (
+        '<connections><connection from="long" to="short" fromLane="0" toLane="0"/>'
+        '<connection from="short" to="long" fromLane="0" toLane="0"/></connections>'
+    )
+    net = build(tmp_path, f"<edges>{there}{back}</edges>", nodes, links)
+    laps = f'<route id="laps" edges="{"long short " * 9}"/>'
+    begin(net, car("ego", 0, 10, 0, "laps") + car("rear", 0, 280, 0, "laps"), laps + CAR)
+    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    ego.step()
+    seen = scene_of(ego).affordances
+    inside_m = sum(sumo.lane.getLength(n) for n in sumo.lane.getIDList() if n[0] == ":")
+    at_m = {name: sumo.vehicle.getLanePosition(name) for name in ("ego", "rear")}
+    behind_m = 300 - at_m["rear"] + 60 + inside_m + at_m["ego"] - 5
+    assert seen.own_rear is not None
+    assert seen.own_rear.gap_m == pytest.approx(behind_m, abs=0.5)
+    assert seen.own_front is None
+
+
 def test_of_two_lanes_that_lead_to_one_the_one_that_gives_way_ends(
     tmp_path: Path, sumo: ModuleType
 ) -> None:
@@ -281,6 +306,110 @@ def test_of_two_lanes_that_lead_to_one_the_one_that_gives_way_ends(
     mandatory = scene_of(ego).affordances.mandatory
     assert mandatory.lanes == 1
     assert mandatory.within_m == pytest.approx(sumo.lane.getLength("in_0") - 400, abs=1e-6)
+
+
+def a_road(
+    folder: Path, lanes: list[int], ways: list[str], more: str = "", metres: int = 400
+) -> Path:
+    """Edges e0, e1, ... with these numbers of lanes; a way is from, lane, to, lane."""
+    count = range(len(lanes) + 1)
+    nodes = "".join(f'<node id="n{k}" x="{metres * k}" y="0"/>' for k in count)
+    form = '<edge id="e{}" from="n{}" to="n{}" numLanes="{}" speed="30" width="3.5"/>'
+    edges = "".join(form.format(k, k, k + 1, number) for k, number in enumerate(lanes))
+    link = '<connection from="{}" fromLane="{}" to="{}" toLane="{}"/>'
+    links = "".join(link.format(*way.split()) for way in ways)
+    nodes += f'<node id="x" x="{metres}" y="-200"/><node id="y" x="{metres}" y="-400"/>'
+    return build(
+        folder,
+        f"<edges>{edges}{more}</edges>",
+        f"<nodes>{nodes}</nodes>",
+        f"<connections>{links}</connections>",
+    )
+
+
+def begin_on(net: Path, edges: str, vehicles: str, types: str = CAR) -> None:
+    begin(net, vehicles, f'<route id="way" edges="{edges}"/>{types}')
+
+
+def test_the_first_end_of_a_lane_counts(tmp_path: Path, sumo: ModuleType) -> None:
+    """Lane 0 of e0 leads nowhere; another one, with the same number, ends 800 m later."""
+    ways = ["e0 1 e1 0", "e0 2 e1 1", "e1 0 e2 1", "e1 1 e2 2", "e2 1 e3 0", "e2 2 e3 1"]
+    net = a_road(tmp_path, [3, 2, 3, 2], ways, metres=200)
+    begin_on(net, "e0 e1 e2 e3", car("ego", 0, 50, 20, "way"))
+    ego = drl_av.attach(sumo, "ego", "gap-mobil", "paper")
+    ego.step()
+    mandatory = scene_of(ego).affordances.mandatory
+    assert mandatory.within_m == pytest.approx(sumo.lane.getLength("e0_0") - 50, abs=1e-6)
+
+
+def test_a_lane_that_splits_goes_on_in_the_lane_that_leads_on(
+    tmp_path: Path, sumo: ModuleType
+) -> None:
+    off = '<edge id="out" from="n2" to="y" numLanes="1" speed="30" width="3.5"/>'
+    ways = ["e0 0 e1 0", "e0 0 e1 1", "e0 1 e1 2", "e1 0 out 0", "e1 1 e2 0", "e1 2 e2 1"]
+    net = a_road(tmp_path, [2, 3, 2], ways, off)
+    queue = '<route id="aside" edges="e1 out"/>' + car("queue", 0, 50, 0, "aside")
+    begin_on(net, "e0 e1 e2", car("ego", 0, 300, 20, "way") + queue)
+    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    ego.step()
+    seen = scene_of(ego).affordances
+    assert seen.own_front is None  # the queue is in the lane to the right
+    assert seen.mandatory.lanes == 0
+    assert "queue" in scene_of(ego).snapshot.ids
+
+
+def test_a_truck_that_leaves_over_a_short_edge_stays_in_sight(
+    tmp_path: Path, sumo: ModuleType
+) -> None:
+    off = '<edge id="out" from="n1" to="x" numLanes="1" speed="30" width="3.5" length="4"/>'
+    off += '<edge id="out2" from="x" to="y" numLanes="1" speed="30" width="3.5"/>'
+    net = a_road(tmp_path, [1, 1], ["e0 0 e1 0", "e0 0 out 0", "out 0 out2 0"], off)
+    long = '<vType id="long" length="18"/><route id="aside" edges="out2"/>'
+    truck = car("truck", 0, 2, 0, "aside").replace('type="car"', 'type="long"')
+    begin_on(net, "e0 e1", car("ego", 0, 300, 20, "way") + truck, CAR + long)
+    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    ego.step()
+    inside_m = [sumo.lane.getLength(name) for name in sumo.lane.getIDList() if name[0] == ":"]
+    front = scene_of(ego).affordances.own_front
+    assert front is not None
+    rear_m = sumo.lane.getLength("e0_0") + 4 + sumo.vehicle.getLanePosition("truck") - 18
+    gap_m = rear_m - sumo.vehicle.getLanePosition("ego")
+    assert gap_m < front.gap_m <= gap_m + sum(inside_m)
+
+
+def test_a_slow_lane_does_not_limit_the_next_one(tmp_path: Path, sumo: ModuleType) -> None:
+    lane = '<lane index="0" speed="15" width="3.5"/></edge>'
+    edges = EDGES.replace(
+        'numLanes="3" speed="40" width="3.5"/>', f'numLanes="3" speed="28" width="3.5">{lane}'
+    )
+    begin(build(tmp_path, edges), car("ego", 0, 100, 10, "off"))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    ego.step()
+    limits = scene_of(ego).road.speed_limits
+    here = [next(each.limit_m_s for each in own if each.begin_m == 2.0**19) for own in limits]
+    assert here == pytest.approx([15.0, 28.0, 28.0])
+
+
+def test_while_it_parks_the_ego_does_nothing(net: Path, sumo: ModuleType) -> None:
+    begin(net, car("ego", 1, 100, 10))
+    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    sumo.vehicle.setStop("ego", "in", 140.0, 1, 5.0, 1)
+    parked = 0
+    for _ in range(40):
+        ego.step()
+        parked += sumo.vehicle.getLaneID("ego") == ""
+        sumo.simulationStep()
+    assert parked > 0
+    assert sumo.vehicle.getLaneID("ego") != ""
+
+
+def test_a_vehicle_of_the_user_without_sumo_s_checks_keeps_its_type(
+    net: Path, sumo: ModuleType
+) -> None:
+    begin(net, car("ego", 1, 100) + car("other", 2, 150))
+    for name in ("ego", "other"):
+        sumo.vehicle.setSpeedMode(name, 32)
+    assert drl_av.attach(sumo, "ego", "gap-mobil", "strict").step() is not None
 
 
 def test_a_new_route_and_a_lane_that_is_closed_now_count_at_the_next_decision(
@@ -316,17 +445,20 @@ def test_a_route_to_a_light_is_refused_under_strict_when_it_begins(
         ego.step()
 
 
-def test_an_ego_off_its_centre_goes_there_first(net: Path, sumo: ModuleType) -> None:
-    begin(net, car("ego", 1, 100))
-    sumo.vehicle.changeSublane("ego", 0.6)
-    while sumo.vehicle.getLateralLanePosition("ego") < 0.5:
+@pytest.mark.parametrize(("lane", "side"), [(1, 1), (0, -1), (2, 1)])
+def test_an_ego_off_its_centre_goes_there_first(
+    net: Path, sumo: ModuleType, lane: int, side: int
+) -> None:
+    begin(net, car("ego", lane, 100))
+    sumo.vehicle.changeSublane("ego", 0.6 * side)
+    while abs(sumo.vehicle.getLateralLanePosition("ego")) < 0.5:
         sumo.simulationStep()
     ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
     for _ in range(10):
         ego.step()
         sumo.simulationStep()
     assert sumo.vehicle.getLateralLanePosition("ego") == pytest.approx(0.0, abs=1e-6)
-    assert sumo.vehicle.getLaneID("ego") == "in_1"
+    assert sumo.vehicle.getLaneID("ego") == f"in_{lane}"
 
 
 def test_a_line_that_no_vehicle_may_cross_is_not_crossed(tmp_path: Path, sumo: ModuleType) -> None:
