@@ -151,7 +151,6 @@ class AttachedEgo:
         self._commands: list[Command] = []
         self._lane_change: LaneChange | None = None
         self._planned_m = 0.0
-        self._begins = True
         self.scene: Scene | None = None
         """What the driver saw at its last decision; None before the first."""
         driver.start(0)
@@ -202,8 +201,7 @@ class AttachedEgo:
         They may have other indices than at the last decision, on another edge.
         """
         change = self._lane_change
-        if self._begins:
-            self._begins = False
+        if self.scene is None:
             return _to_the_centre(shot, road)
         if change is None:
             return None
