@@ -61,8 +61,8 @@ EPISODES = {
     "mixed_prioritized": 10 * (10_000,),
     "mixed_uniform": 10 * (10_000,),
     "mixed_literal": (10_000,),
-    "sumo_paper": 2 * (10_000,),
-    "sumo_permit_all": 3 * (10_000,),
+    "sumo_paper": 10 * (10_000,),
+    "sumo_permit_all": 10 * (10_000,),
 }
 """The episodes of each training of a variant, for the seeds 0, 1, ... A training continues where a
 number is raised."""
