@@ -304,14 +304,14 @@ class Surroundings:
 
     def _names(self, here_m: float) -> Iterator[str]:
         """Yield the vehicles on the strips within the range of the position ``here_m``."""
-        vehicle, on_lane = self._sumo.vehicle, self._sumo.lane.getLastStepVehicleIDs
+        on_lane = self._sumo.lane.getLastStepVehicleIDs
+        at, length = self._sumo.vehicle.getLanePosition, self._sumo.vehicle.getLength
         for lane, own in (*self._strips.items(), *self._beside.items()):
             for _, begin_m, left_m in own:
                 nearest_m = min(max(here_m, begin_m), begin_m + self._length_m[lane])
                 if abs(nearest_m - here_m) <= self._range_m:
                     for name in on_lane(lane):
-                        at_m = begin_m + vehicle.getLanePosition(name)
-                        if at_m - vehicle.getLength(name) < left_m:
+                        if left_m == math.inf or begin_m + at(name) - length(name) < left_m:
                             yield name
 
     def _state(self, name: str, here_m: float) -> tuple[float, ...]:

@@ -170,7 +170,7 @@ def test_the_reward_sees_the_observation_that_the_agent_saw() -> None:
 
 
 def test_after_an_error_in_a_reward_a_reset_comes_first() -> None:
-    """The decision was made, but nobody has what it led to."""
+    """The worlds have made the decision, but step has returned no observation and no reward."""
     calls: list[int] = []
 
     def reward(made: object) -> float:
