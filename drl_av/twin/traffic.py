@@ -155,7 +155,7 @@ def routes_of(lengths_m: FloatArray, is_loop: bool) -> FloatArray:
 
 
 LEAST_ROOM_M = 1.2
-"""With less room beside it in its lane, a vehicle of SUMO moves aside for those beside it."""
+"""With no more room in its lane than this, a vehicle of SUMO moves aside for those beside it."""
 
 
 def require_supported(scenario: Scenario, config: Config) -> None:
@@ -179,7 +179,7 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         ),
         "vehicle types of the user": bool(scenario.vehicle_types.own),
         "changes of vehicle_types.add.xml other than sizes": changed,
-        f"lanes less than {LEAST_ROOM_M:g} m wider than their widest vehicle": (
+        f"lanes at most {LEAST_ROOM_M:g} m wider than their widest vehicle": (
             scenario.road.lane_width_m - widest_m <= LEAST_ROOM_M + 1e-9
         ),
         "a simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,

@@ -138,7 +138,7 @@ def test_what_the_twin_cannot_do_is_refused(
         HighwayEnv(folder, config=TWIN)
     narrow = tmp_path / "narrow"
     assert main(["scenario", str(narrow), "--lane-width-m", "3"]) == 0  # cars are 1.8 m wide
-    with pytest.raises(ConfigError, match=r"lanes less than 1\.2 m wider than their widest veh"):
+    with pytest.raises(ConfigError, match=r"lanes at most 1\.2 m wider than their widest veh"):
         HighwayEnv(narrow, config=TWIN)
     edited = tmp_path / "edited"
     assert main(["scenario", str(edited)]) == 0
