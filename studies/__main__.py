@@ -10,20 +10,14 @@ from pathlib import Path
 from drl_av.cli.console import Bar, progress_bar
 from drl_av.cli.options import config_files, int_at_least
 from drl_av.cli.status import exit_status
-from drl_av.config import Config
 from drl_av.config.section import did_you_mean
 from drl_av.errors import pluralize
 from drl_av.evaluation import LOKY, RAY
 from drl_av.evaluation.engines import require_ray
-from drl_av.evaluation.figure_style import save_figure
 from studies.engine import draw, make
-from studies.lane_change import lane_change_figure
 from studies.options import QUICK, RESULTS, Options, Study
 from studies.registry import STUDIES
 from studies.study import FileStudy
-
-LANE_CHANGE = "lane_change"
-"""A figure without a table: it needs neither drivers nor SUMO."""
 
 
 def command_line() -> argparse.ArgumentParser:
@@ -38,8 +32,7 @@ def command_line() -> argparse.ArgumentParser:
         nargs="*",
         default=[],
         metavar="NAME",
-        help=f"{meanings}; {LANE_CHANGE}: the figure of a lane change and an abort; or a TOML file "
-        "of your own (default: all)",
+        help=f"{meanings}; or a TOML file of your own (default: all)",
     )
     parser.add_argument(
         "--quick",
@@ -92,7 +85,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = command_line()
     given = parser.parse_args(words)
     for name in given.names:
-        if name not in STUDIES and name != LANE_CHANGE and not name.endswith(".toml"):
+        if name not in STUDIES and not name.endswith(".toml"):
             hint = did_you_mean(name, STUDIES)
             parser.error(f"there is no study {name!r}{hint}; they are: {', '.join(STUDIES)}")
     return exit_status("studies", lambda: _run(given))
@@ -107,12 +100,7 @@ def _run(given: argparse.Namespace) -> int:
         require_ray()
     options = _options(given)
     try:
-        for name in given.names or [*STUDIES, LANE_CHANGE]:
-            if name == LANE_CHANGE:
-                path = options.out / f"{LANE_CHANGE}.png"
-                save_figure(lane_change_figure(Config()), path)
-                print(path)
-                continue
+        for name in given.names or STUDIES:
             study = STUDIES[name] if name in STUDIES else FileStudy(Path(name))
             with progress_bar(name, 0) as bar:
                 _make(study, options, bar)

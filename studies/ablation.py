@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import safetensors.numpy
 from threadpoolctl import threadpool_limits
 
@@ -225,18 +226,19 @@ def _rule_file(runs: Path, kind: str) -> Path:
     return runs / f"{RULE}-{kind}.npy"
 
 
+def gains(rows: Sequence[dict[str, Any]], by: str) -> Any:
+    """Return a data frame of mean gains: a row for each value of the column ``by``."""
+    found = pd.DataFrame(rows).pivot_table("gain_m_s", by, "traffic")[[*SINGLE_PRESETS]]
+    return found.assign(mean=found.mean(axis=1)).rename_axis(index=None, columns=by)
+
+
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the gain of each variant, the mean of its trainings, in each kind of traffic."""
-    heads = [*SINGLE_PRESETS, "mean"]
-    lines = ["variant".ljust(26) + "trainings" + "".join(head.rjust(13) for head in heads)]
-    for name, variant in VARIANTS.items():
-        its = [row for row in rows if row["variant"] == name]
-        if its:
-            gains = [[r["gain_m_s"] for r in its if r["traffic"] == kind] for kind in heads[:-1]]
-            means = [float(np.mean(each)) for each in gains]
-            shown = "".join(f"{mean:13.2f}" for mean in [*means, np.mean(means)])
-            lines.append(f"{variant.words:26}{len(gains[0]):9}{shown}")
-    return "\n".join(lines)
+    found = gains(rows, "variant")
+    found["trainings"] = pd.DataFrame(rows).groupby("variant")["seed"].nunique()
+    found = found.loc[sorted(found.index, key=[*VARIANTS].index)]
+    found.index = [VARIANTS[name].words for name in found.index]
+    return str(found.to_string(float_format="{:.2f}".format))
 
 
 def command_line(name: str, doc: str | None, seeds: Sequence[int] = ()) -> argparse.ArgumentParser:

@@ -118,10 +118,8 @@ def train_and_evaluate(config: Config) -> list[Row]:
 def _summed(episodes: Sequence[BarricadeMetrics]) -> Row:
     """Return the columns of a row that count decisions, or episodes with a collision."""
     hits = [metrics.hit for metrics in episodes]
-    counts = {
-        "decisions": sum(metrics.decisions for metrics in episodes),
-        "proposed": sum(metrics.proposed for metrics in episodes),
-        "chosen": sum(metrics.chosen for metrics in episodes),
+    names = "decisions", "proposed", "chosen"
+    counts = {name: sum(getattr(metrics, name) for metrics in episodes) for name in names} | {
         "hit_barricade": hits.count("barricade"),
         "hit_other": hits.count("road edge") + hits.count("vehicle"),
         "was_hit": hits.count("by vehicle"),

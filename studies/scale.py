@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from drl_av.config import SINGLE_PRESETS
 from drl_av.config.presets import PRESETS
 from drl_av.evaluation.figure_style import one_panel, save_figure
 from drl_av.learning.large_scale import learner_of, save_actor
 from drl_av.learning.twin_worlds import TwinWorlds
-from studies.ablation import command_line, complete, gain
+from studies.ablation import command_line, complete, gain, gains
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,35 +65,24 @@ def _policy_file(runs: Path, seed: int, decisions: int) -> Path:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the gains of each seed at the end of its training, and the least of each column."""
-    heads, lines = [*SINGLE_PRESETS, "mean"], []
     ends = [row for row in rows if row["decisions"] == POINTS[-1]]
-    found = []
-    for seed in sorted({row["seed"] for row in ends}):
-        its = {row["traffic"]: row for row in ends if row["seed"] == seed}
-        gains = [its[kind]["gain_m_s"] for kind in SINGLE_PRESETS]
-        found.append([*gains, float(np.mean(gains))])
-        hits = sum(row["ego_hits"] for row in its.values())
-        lines.append(_line(str(seed), found[-1]) + f"{hits:11d}")
-    head = "seed ".rjust(6) + "".join(head.rjust(13) for head in heads) + "   ego hits"
-    return "\n".join([head, *lines, _line("worst", np.min(found, axis=0).tolist())])
-
-
-def _line(name: str, gains: Sequence[float]) -> str:
-    return name.rjust(6) + "".join(f"{gain:13.2f}" for gain in gains)
+    found = gains(ends, "seed")
+    found["ego hits"] = pd.DataFrame(ends).groupby("seed")["ego_hits"].sum()
+    found.loc["worst"] = found.min()
+    found.loc["worst", "ego hits"] = found["ego hits"].max()
+    formats = {"ego hits": "{:.0f}".format}
+    return str(found.to_string(float_format="{:.2f}".format, formatters=formats))
 
 
 def figure(rows: Sequence[dict[str, Any]]) -> "Figure":
     """Draw the mean gain of the kinds of traffic as the trainings go on; bold is their mean."""
     made, axes = one_panel("decisions, millions", "gain over gap-mobil, m/s")
-    curves = []
-    for seed in sorted({row["seed"] for row in rows}):
-        its = [row for row in rows if row["seed"] == seed]
-        at = [[row["gain_m_s"] for row in its if row["decisions"] == point] for point in POINTS]
-        curves.append([np.mean(gains) for gains in at])
-        axes.plot(np.array(POINTS) / 1e6, curves[-1], color="#0072b2", alpha=0.4, linewidth=0.9)
-    axes.plot(np.array(POINTS) / 1e6, np.mean(curves, axis=0), color="#0072b2", linewidth=2.2)
+    points = np.array(POINTS) / 1e6
+    means = pd.DataFrame(rows).pivot_table("gain_m_s", "decisions", "seed").loc[[*POINTS]]
+    axes.plot(points, means, color="#0072b2", alpha=0.4, linewidth=0.9)
+    axes.plot(points, means.mean(axis=1), color="#0072b2", linewidth=2.2)
     axes.set_xscale("log")
-    axes.set_xticks([point / 1e6 for point in POINTS], [f"{point / 1e6:g}" for point in POINTS])
+    axes.set_xticks(points, [f"{point:g}" for point in points])
     axes.minorticks_off()
     axes.axhline(0, color="#888888", linewidth=1)
     return made

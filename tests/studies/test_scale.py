@@ -22,7 +22,7 @@ def test_the_table_has_the_ends_alone_and_the_worst_of_each_column() -> None:
     assert head.split() == ["seed", *SINGLE_PRESETS, "mean", "ego", "hits"]
     assert lines[0].split() == ["0", *5 * ["0.50"], "0.50", "0"]
     assert lines[1].split() == ["1", *4 * ["0.30"], "1.30", "0.50", "5"]
-    assert lines[2].split() == ["worst", *4 * ["0.30"], "0.50", "0.50"]
+    assert lines[2].split() == ["worst", *4 * ["0.30"], "0.50", "0.50", "5"]
 
 
 def test_it_keeps_policies_on_the_way_and_goes_on_where_it_stopped(

@@ -276,14 +276,6 @@ def test_the_example_of_the_documentation_is_driven_and_compared_in_pairs(
     assert (short.out / "t_min.png").exists()
 
 
-def test_the_figure_of_a_lane_change_needs_no_table(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["lane_change", "--out", str(tmp_path)]) == 0
-    assert capsys.readouterr().out == f"{tmp_path / 'lane_change.png'}\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["lane_change.png"]
-
-
 @pytest.mark.ray
 def test_evaluations_on_ray_make_the_same_rows(
     mine: FileStudy, short: Options, tmp_path: Path
