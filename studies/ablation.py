@@ -20,10 +20,12 @@ from threadpoolctl import threadpool_limits
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.network import forward
+from drl_av.drivers.policy_file import load
 from drl_av.drivers.registry import rule_driver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.wide_observation import WIDE_SIZE
+from drl_av.errors import DrlAvError
 from drl_av.files import append_rows, column_types, read_table
 from drl_av.learning.large_scale import learner_of, save_actor
 from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
@@ -149,13 +151,23 @@ def settings(variant: str, seed: int) -> Config:
 
 def train(runs: Path, job: tuple[str, int]) -> None:
     """Train a variant with a seed, and save its policy."""
-    if (path := _policy_file(runs, job)).exists():
+    config, path = settings(*job), _policy_file(runs, job)
+    if is_trained(path, config):
         return
-    config = settings(*job)
     learner = learner_of(config, VARIANTS[job[0]].worlds(config, job[1]))
     while learner.num_timesteps < DECISIONS // config.ppo.batch_size * config.ppo.batch_size:
         learner.learn(config.ppo.batch_size, reset_num_timesteps=False)
     save_actor(path, learner, config)
+
+
+def is_trained(path: Path, config: Config) -> bool:
+    """Whether a policy file exists; raises DrlAvError if it was trained with other settings."""
+    if path.exists() and load(path)[1]["config"] != config.to_toml():
+        raise DrlAvError(
+            f"{path} was trained with other settings: choose another folder with --runs, or move "
+            "it away."
+        )
+    return path.exists()
 
 
 def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatArray, int]:

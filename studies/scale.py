@@ -16,7 +16,7 @@ from drl_av.config.presets import PRESETS
 from drl_av.evaluation.figure_style import one_panel, save_figure
 from drl_av.learning.large_scale import learner_of, save_actor
 from drl_av.learning.twin_worlds import TwinWorlds
-from studies.ablation import command_line, complete, gain, gains
+from studies.ablation import command_line, complete, gain, gains, is_trained
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,9 +39,9 @@ class Row(NamedTuple):
 def train(runs: Path, job: tuple[int]) -> None:
     """Train the preset with a seed, and keep its policies."""
     [seed] = job
-    if _policy_file(runs, seed, POINTS[-1]).exists():
-        return
     config = PRESETS["large"].updated("learning", seed=seed)
+    if is_trained(_policy_file(runs, seed, POINTS[-1]), config):
+        return
     learner, batch = learner_of(config, TwinWorlds(config, seed)), config.ppo.batch_size
     for point in POINTS:
         while learner.num_timesteps < point // batch * batch:

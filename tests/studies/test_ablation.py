@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.config import SINGLE_PRESETS
+from drl_av.errors import DrlAvError
 from drl_av.files import read_table
 from drl_av.learning.large_scale import learner_of, save_actor
 from studies import ablation
@@ -79,3 +80,8 @@ def test_it_goes_on_where_it_stopped(
     ablation.main([*two_episodes, "--variants", "calm"])
     assert policy.stat().st_mtime_ns == made
     assert read_table(tmp_path / "out.csv") == first
+    monkeypatch.setattr(ablation, "DECISIONS", 32_768)
+    (tmp_path / "out.csv").unlink()
+    with pytest.raises(DrlAvError, match=r"calm-7.* was trained with other settings: choose"):
+        ablation.main([*two_episodes, "--variants", "calm"])
+    assert policy.stat().st_mtime_ns == made
