@@ -6,6 +6,7 @@ in the same traffic.
 """
 
 import argparse
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -17,6 +18,7 @@ import pandas as pd
 import safetensors.numpy
 from threadpoolctl import threadpool_limits
 
+from drl_av.cli.status import exit_status
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.network import forward
@@ -287,8 +289,8 @@ def complete(
     return read_table(given.out, column_types(row))
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command line."""
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status 0."""
     parser = command_line("ablation", __doc__)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
     given = parser.parse_args(words)
@@ -300,7 +302,8 @@ def main(words: Sequence[str] | None = None) -> None:
     rows = complete(given, Row, jobs, train, measure)
     print(f"gain over gap-mobil under strict, m/s, in the twin, after {DECISIONS:,} decisions")
     print(table(rows))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_status("studies.ablation", main))

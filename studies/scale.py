@@ -4,6 +4,7 @@
 A policy drives in the twin under ``strict``, beside ``gap-mobil`` in the same traffic.
 """
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from drl_av.cli.status import exit_status
 from drl_av.config import SINGLE_PRESETS
 from drl_av.config.presets import PRESETS
 from drl_av.evaluation.figure_style import one_panel, save_figure
@@ -88,14 +90,15 @@ def figure(rows: Sequence[dict[str, Any]]) -> "Figure":
     return made
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the command line."""
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status 0."""
     given = command_line("scale", __doc__, range(5)).parse_args(words)
     rows = complete(given, Row, [(seed,) for seed in given.seeds], train, measure)
     save_figure(figure(rows), given.out.with_suffix(".png"))
     print("gain over gap-mobil under strict, m/s, in the twin, at the end of each training")
     print(table(rows))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_status("studies.scale", main))
