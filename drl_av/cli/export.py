@@ -3,8 +3,6 @@
 import argparse
 from pathlib import Path
 
-from drl_av.cli.options import add_text
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``drl-av export`` to its parser."""
@@ -16,8 +14,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="folder of a run, its policy.safetensors, or pretrained (the shipped driver)",
     )
     parser.add_argument("out", type=Path, metavar="FILE.onnx", help="file to write")
-    check = "paper: the file also holds this check, and its action has passed it (default: none)"
-    add_text(parser, "--safety-check", "NAME", check)
     parser.epilog = described()
 
 
@@ -25,9 +21,8 @@ def export(options: argparse.Namespace) -> int:
     """Write the ONNX file, and describe its inputs and outputs; return the exit status 0."""
     from drl_av.config.functions import is_factory
     from drl_av.drivers.masked_policy import is_actor, load_actor
-    from drl_av.drivers.onnx import OUTPUTS, inputs_of
+    from drl_av.drivers.onnx import ACTOR_INPUTS, ACTOR_OUTPUTS, INPUTS, OUTPUTS, export_actor
     from drl_av.drivers.onnx import export as write
-    from drl_av.drivers.onnx_graph import ACTOR_INPUTS, ACTOR_OUTPUTS, export_actor
     from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run
     from drl_av.drivers.registry import driver_names
     from drl_av.driving.observation_scale import ObservationScale
@@ -35,11 +30,6 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.files import require_suffix, require_writable
     from drl_av.scenarios.folder import find_scenario, load_scenario
 
-    if (check := options.safety_check) not in (None, "paper"):
-        raise ConfigError(
-            f"--safety-check is {check}, but a file can hold paper only: strict needs all vehicles "
-            "around, of which the indicators hold the nearest six."
-        )
     require_suffix(options.out, ".onnx")
     require_writable(options.out, inputs=[options.run])
     if options.run in {*driver_names()} - {*SHIPPED} or is_factory(options.run):
@@ -49,19 +39,14 @@ def export(options: argparse.Namespace) -> int:
         )
     run = SHIPPED.get(options.run, Path(options.run))
     if is_actor(file := find_policy(run)):
-        if check:
-            raise ConfigError(
-                f"{options.run} takes the permitted actions as an input: export it without "
-                "--safety-check."
-            )
         export_actor(options.out, *load_actor(file))
         ports = {"input": ACTOR_INPUTS, "output": ACTOR_OUTPUTS}
     else:
         network, config = load_run(run)
         road = load_scenario(find_scenario(config.simulation.scenario)).road
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
-        write(options.out, network, config, scale, road.lane_width_m if check else None)
-        ports = {"input": inputs_of(check is not None), "output": OUTPUTS}
+        write(options.out, network, config, scale)
+        ports = {"input": INPUTS, "output": OUTPUTS}
     for kind, port in ((kind, port) for kind, of_kind in ports.items() for port in of_kind):
         print(f"{options.out}: {kind} {port}, {port.meaning}")
     return 0

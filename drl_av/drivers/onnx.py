@@ -1,31 +1,52 @@
-"""Writes a learned driver as one ONNX graph, and drives with the networks of ONNX files (ours).
-
-A written graph includes the scaling and the mirror.
-"""
+"""Writes a learned driver as one ONNX graph, and drives with the networks of ONNX files (ours)."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.network import QNetwork
-from drl_av.drivers.onnx_graph import Graph, Port, checked_by_paper
+from drl_av.drivers.network import LEAK, Layers, QNetwork
 from drl_av.driving.actions import ACTIONS, Action, action_of
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.mirror import MIRROR
 from drl_av.driving.observation_scale import ObservationScale, indicator_meaning
 from drl_av.driving.scene import Scene
+from drl_av.driving.wide_observation import WIDE_NAMES
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, needed_by
+from drl_av.files import write_atomic
+
+Constants = Mapping[str, npt.NDArray[Any]]
+"""The constants of a graph by their names."""
+
+
+class Port(NamedTuple):
+    """An input or output of an exported driver."""
+
+    name: str
+    dtype: str
+    """The numpy name of the element type."""
+    columns: int | None
+    """The shape is (rows, columns), or (rows,) if ``columns`` is None. Each row is one scene."""
+    meaning: str
+
+    @property
+    def shape(self) -> list[str | int]:
+        """The shape; a dimension of any size is given by its name."""
+        return ["rows"] if self.columns is None else ["rows", self.columns]
+
+    def __str__(self) -> str:
+        return f"{self.name}, {self.dtype} ({', '.join(map(str, self.shape))})"
+
 
 _STATES = "d_x, v_x, d_y, v_y"
-INPUTS = (
+INPUTS: Sequence[Port] = (
     Port(
         "indicators",
         "float64",
@@ -33,17 +54,8 @@ INPUTS = (
         "the affordance indicators in SI units, unscaled, in the order of info['indicators']: "
         f"{_STATES} for each of {', '.join(SLOTS)}, then {', '.join(INDICATORS[-3:])}",
     ),
-    Port(
-        "lane_change",
-        "bool",
-        None,
-        "only with a safety check: whether a lane change of the ego is in progress, from the "
-        "decision that starts it until the ego is on the centre of a lane again",
-    ),
 )
-INDICATORS_INPUT, LANE_CHANGE_INPUT = (port.name for port in INPUTS)
-"""Names of the inputs of an ONNX file that ``drl-av export`` wrote; the second with a check."""
-OUTPUTS = (
+OUTPUTS: Sequence[Port] = (
     Port(
         "action",
         "int64",
@@ -58,11 +70,15 @@ INSIDE = (
     "the scene and its mirror image if the driver was trained so. It has no safety check. One "
     "call is one decision, for the next second."
 )
-
-
-def inputs_of(is_checked: bool) -> Sequence[Port]:
-    """Return the inputs of a file with or without the safety check."""
-    return INPUTS if is_checked else INPUTS[:1]
+WIDE, MASK = "the wide observation: HighwayEnv(observation='wide')", "env.action_masks()"
+ACTOR_INPUTS: Sequence[Port] = (
+    Port("observation", "float32", len(WIDE_NAMES), WIDE),
+    Port("action_mask", "bool", len(ACTIONS), f"which actions the safety check permits: {MASK}"),
+)
+ACTOR_OUTPUTS: Sequence[Port] = (
+    Port("action", "int64", None, "number of the permitted action with the largest logit"),
+    Port("logits", "float32", len(ACTIONS), "the logits of all actions, without the mask"),
+)
 
 
 def described() -> str:
@@ -90,20 +106,13 @@ def metadata(config: Config) -> dict[str, str]:
     }
 
 
-def export(
-    path: Path,
-    network: QNetwork,
-    config: Config,
-    scale: ObservationScale,
-    lane_width_m: float | None = None,
-) -> None:
+def export(path: Path, network: QNetwork, config: Config, scale: ObservationScale) -> None:
     """Write the driver of a trained network to an ONNX file, with the package onnx.
 
-    ``INPUTS``, ``OUTPUTS`` and ``metadata`` describe the file. With ``lane_width_m``, the width of
-    the lanes, the action is the one that the check ``paper`` executes.
+    ``INPUTS`` and ``OUTPUTS`` describe the file. Its metadata hold the config, as TOML, and the
+    indicators and actions, as JSON lists.
 
     Raises:
-        ConfigError: as ``checked_by_paper``.
         DrlAvError: onnx is not installed, ``observation.way`` is on (not supported), or the file
             cannot be written.
     """
@@ -112,40 +121,109 @@ def export(
             "A driver that was trained with observation.way cannot be exported, because the file "
             "has no inputs for its way: train one without, or drive it with drl-av."
         )
-    graph = Graph()
-    s = _scaled(graph, scale)
-    values = _values(graph, network, s, config.learning.mirrored)
-    q, inside = graph.add("Identity", values, name="q"), INSIDE
-    name = "action" if lane_width_m is None else "proposed"
-    proposed = graph.add("ArgMax", q, name=name, axis=1, keepdims=0)
-    if lane_width_m is not None:
-        inside = inside.replace("It has no safety check", "The action has passed the check paper")
-        given = proposed, INDICATORS_INPUT, LANE_CHANGE_INPUT
-        checked_by_paper(graph, *given, config, lane_width_m)
-    inputs = inputs_of(is_checked=lane_width_m is not None)
-    graph.write(path, inputs, OUTPUTS, metadata(config), inside)
+    nodes = """
+        shifted = Sub(indicators, offset)
+        exact = Div(shifted, scale)
+        single = Cast<to = 1>(exact)
+        above = Max(single, least)
+        s = Min(above, most)"""
+    constants = {"offset": scale.offset, "scale": scale.scale}
+    constants |= {"least": -scale.bounds, "most": scale.bounds}
+    if config.learning.mirrored:
+        nodes += f"""
+            {_network(network.layers, "s", "q_here")}
+            permuted = Gather<axis = 1>(s, permutation)
+            s_mirrored = Mul(permuted, sign)
+            {_network(network.layers, "s_mirrored", "q_there")}
+            q_mirrored = Gather<axis = 1>(q_there, actions)
+            q_sum = Add(q_here, q_mirrored)
+            q = Mul(q_sum, half)"""
+        constants |= {"permutation": MIRROR.observation_permutation}
+        constants |= {"sign": MIRROR.observation_sign, "actions": MIRROR.action_permutation}
+        constants |= {"half": np.array(0.5, np.float32)}
+    else:
+        nodes += _network(network.layers, "s", "q")
+    nodes += "action = ArgMax<axis = 1, keepdims = 0>(q)"
+    indicators = [{"name": name, "meaning": indicator_meaning(name)} for name in INDICATORS]
+    held = {"config": config.to_toml(), "indicators": json.dumps(indicators)}
+    _write(path, nodes, constants | _weights(network.layers), INPUTS, OUTPUTS, held, INSIDE)
 
 
-def _scaled(graph: Graph, scale: ObservationScale) -> str:
-    """Add nodes that scale the indicators like ``ObservationScale``; return the output's name."""
-    shifted = graph.add("Sub", INDICATORS_INPUT, graph.constant(scale.offset))
-    exact = graph.add("Div", shifted, graph.constant(scale.scale))
-    s = graph.add("Cast", exact, to=1)
-    s = graph.add("Max", s, graph.constant(-scale.bounds))
-    return graph.add("Min", s, graph.constant(scale.bounds))
+def export_actor(path: Path, layers: Layers, config: Config) -> None:
+    """Write a driver that was trained at scale to an ONNX file, with the package onnx.
+
+    ``ACTOR_INPUTS`` and ``ACTOR_OUTPUTS`` describe the file. Its metadata hold the config, and the
+    names of the observation's numbers and of the actions. If no action of a row is permitted, the
+    action is that with the largest logit.
+
+    Raises:
+        DrlAvError: onnx is not installed, or the file cannot be written.
+    """
+    nodes = f"""
+        mask = Cast<to = 1>(action_mask)
+        seen = Concat<axis = 1>(observation, mask)
+        {_network(layers, "seen", "logits")}
+        refused = Sub(logits, far)
+        ranked = Where(action_mask, logits, refused)
+        action = ArgMax<axis = 1, keepdims = 0>(ranked)"""
+    far = np.array(2048.0, np.float32)  # larger than any difference of logits
+    held = {"config": config.to_toml(), "observation": json.dumps(WIDE_NAMES)}
+    _write(path, nodes, _weights(layers) | {"far": far}, ACTOR_INPUTS, ACTOR_OUTPUTS, held)
 
 
-def _values(graph: Graph, network: QNetwork, s: str, mirrored: bool) -> str:
-    """Add nodes that compute Q(s, .), or its mean over both mirror images; return their output."""
-    layers = [(graph.constant(weight), graph.constant(bias)) for weight, bias in network.layers]
-    q = graph.forward(layers, s)
-    if not mirrored:
-        return q
-    reflected = graph.add("Gather", s, graph.constant(MIRROR.observation_permutation), axis=1)
-    reflected = graph.add("Mul", reflected, graph.constant(MIRROR.observation_sign))
-    other = graph.forward(layers, reflected)
-    other = graph.add("Gather", other, graph.constant(MIRROR.action_permutation), axis=1)
-    return graph.add("Mul", graph.add("Add", q, other), graph.constant(np.float32(0.5)))
+def _weights(layers: Layers) -> dict[str, npt.NDArray[Any]]:
+    """Return the constants of ``_network``."""
+    weights = {f"w_{n}": weight for n, (weight, _) in enumerate(layers)}
+    return weights | {f"b_{n}": bias for n, (_, bias) in enumerate(layers)}
+
+
+def _network(layers: Layers, given: str, made: str) -> str:
+    """Return the nodes that compute the output ``made`` of a network from its input ``given``."""
+    nodes, last = [], len(layers) - 1
+    for n in range(last):
+        nodes += [f"{made}_z{n} = Gemm<transB = 1>({given}, w_{n}, b_{n})"]
+        nodes += [f"{made}_a{n} = LeakyRelu<alpha = {LEAK}>({made}_z{n})"]
+        given = f"{made}_a{n}"
+    return "\n".join([*nodes, f"{made} = Gemm<transB = 1>({given}, w_{last}, b_{last})\n"])
+
+
+def _write(
+    path: Path,
+    nodes: str,
+    constants: Constants,
+    inputs: Sequence[Port],
+    outputs: Sequence[Port],
+    metadata: Mapping[str, str],
+    inside: str = "",
+) -> None:
+    """Write a graph, whose nodes are given in ONNX's text format, to a file.
+
+    ``inside`` describes the graph. Raises DrlAvError if onnx is missing or the file not writable.
+    """
+    with needed_by("The export", "onnx", "'drl-av[onnx]'"):
+        import onnx
+        import onnx.parser
+    kinds = {"float64": "double", "float32": "float"}
+    given, made = (
+        ", ".join(
+            f"{kinds.get(port.dtype, port.dtype)}[{', '.join(map(str, port.shape))}] {port.name}"
+            for port in ports
+        )
+        for ports in (inputs, outputs)
+    )
+    model = onnx.parser.parse_model(
+        f'<ir_version: 8, opset_import: ["": 17]> drl_av_driver ({given}) => ({made}) {{{nodes}}}'
+    )
+    values = *model.graph.input, *model.graph.output
+    for value, port in zip(values, (*inputs, *outputs), strict=True):
+        value.doc_string = port.meaning
+    tensors = (onnx.numpy_helper.from_array(array, name) for name, array in constants.items())
+    model.graph.initializer.extend(tensors)
+    model.producer_name, model.doc_string, model.graph.doc_string = "drl-av", inside, inside
+    actions = json.dumps([str(action) for action in ACTIONS])
+    onnx.helper.set_model_props(model, {**metadata, "actions": actions})
+    onnx.checker.check_model(model, full_check=True)
+    write_atomic(path, model.SerializeToString())
 
 
 LONGEST_RUN_S = 10.0
@@ -164,7 +242,46 @@ class OnnxDriver(Driver):
     """
 
     def __init__(self, path: Path, observed: int = len(INDICATORS)) -> None:
-        self._run, self._path = _session(path, observed), path
+        with needed_by(path, "onnxruntime", "'drl-av[onnx]'", CheckpointError):
+            import onnxruntime
+        self._path = path
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # the error is raised, too
+        try:
+            session = onnxruntime.InferenceSession(
+                str(path.absolute()), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # onnxruntime raises classes of its own, and OSError
+            raise CheckpointError(
+                f"{path} cannot be read as an ONNX network ({' '.join(str(error).split())[:200]}): "
+                "export it again."
+            ) from error
+        names = [item.name for item in session.get_inputs()]
+        self._is_exported = "indicators" in session.get_modelmeta().custom_metadata_map
+        if self._is_exported and observed != len(INDICATORS):
+            raise CheckpointError(
+                f"{path} observes the {len(INDICATORS)} indicators alone: drive it without "
+                "--observation (observation=), and with observation.way = false."
+            )
+        if set(names) == {port.name for port in ACTOR_INPUTS}:
+            raise CheckpointError(
+                f"{path} holds a driver of a training at scale, for programs without drl-av: drive "
+                "it here by its name, or the folder of its run."
+            )
+        self._run = _Watched(path, session, onnxruntime.RunOptions())
+        row = np.zeros((1, len(INDICATORS) if self._is_exported else observed), np.float32)
+        try:
+            [self._input] = names
+            self._decide(row.astype(np.float64) if self._is_exported else row)
+        except CheckpointError:
+            raise
+        except Exception as error:  # onnxruntime raises classes of its own
+            raise CheckpointError(
+                f"{path} does not decide ({' '.join(str(error).split())[:200]}): export a network "
+                f"of one input, float32 of shape (rows, {observed}), that returns the numbers of "
+                f"actions, (rows,), or {len(ACTIONS)} values, (rows, {len(ACTIONS)})."
+            ) from error
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the action that the network chooses by its number or by the greatest value.
@@ -174,12 +291,11 @@ class OnnxDriver(Driver):
                 nan.
             CheckpointError: the network needs longer than ``LONGEST_RUN_S``.
         """
-        feed = {
-            INDICATORS_INPUT: scene.affordances.vector()[None],
-            LANE_CHANGE_INPUT: np.array([scene.lane_change is not None]),
-            "": observation[None],
-        }
-        [chosen] = self._run(feed)
+        seen = scene.affordances.vector() if self._is_exported else observation
+        return self._decide(seen[None])
+
+    def _decide(self, row: npt.NDArray[Any]) -> Action:
+        [chosen] = self._run({self._input: row})
         if chosen.ndim == 0:
             return action_of(chosen)
         if chosen.shape != (len(ACTIONS),) or not np.isfinite(chosen.max()):  # -inf is a mask
@@ -191,7 +307,6 @@ class OnnxDriver(Driver):
 
 
 Feed = dict[str, npt.NDArray[Any]]
-Run = Callable[[Feed], npt.NDArray[Any]]
 
 
 class _Watched:
@@ -235,78 +350,8 @@ def _serve(
     session: Any, options: Any, feeds: "SimpleQueue[Feed | None]", results: "SimpleQueue[Any]"
 ) -> None:
     """Answer each feed with the session's first output, or its error, until the feed is None."""
-    output = session.get_outputs()[0].name
     while (feed := feeds.get()) is not None:
         try:
-            results.put(session.run([output], feed, options)[0])
+            results.put(session.run(None, feed, options)[0])
         except Exception as error:
             results.put(error)
-
-
-def _session(path: Path, observed: int) -> Run:
-    """Return a function that runs the network on arrays by name.
-
-    The array with the name '' is for a network of a user, which has only one input. Weights in
-    other files are read from the folder of ``path``.
-    """
-    with needed_by(path, "onnxruntime", "'drl-av[onnx]'", CheckpointError):
-        import onnxruntime
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # the error is raised, too
-    try:
-        session = onnxruntime.InferenceSession(
-            str(path.absolute()), options, providers=["CPUExecutionProvider"]
-        )
-    except Exception as error:  # onnxruntime raises classes of its own, and OSError
-        raise CheckpointError(
-            f"{path} cannot be read as an ONNX network ({' '.join(str(error).split())[:200]}): "
-            "export it again."
-        ) from error
-    names = [item.name for item in session.get_inputs()]
-    own = "indicators" in session.get_modelmeta().custom_metadata_map
-    if own and observed != len(INDICATORS):
-        raise CheckpointError(
-            f"{path} observes the {len(INDICATORS)} indicators alone: drive it without "
-            "--observation (observation=), and with observation.way = false."
-        )
-    if set(names) == {"observation", "action_mask"}:
-        raise CheckpointError(
-            f"{path} holds a driver of a training at scale, for programs without drl-av: drive it "
-            "here by its name, or the folder of its run."
-        )
-    shape = session.get_inputs()[0].shape if names else None
-    if not own and (len(names) != 1 or not shape or shape[-1] != observed):
-        raise CheckpointError(
-            f"{path} takes the inputs {', '.join(names)}: give a network of one input with "
-            f"observations of shape (rows, {observed}), or one that drl-av export wrote."
-        )
-    watched = _Watched(path, session, onnxruntime.RunOptions())
-
-    def run(feed: Feed) -> npt.NDArray[Any]:
-        result: npt.NDArray[Any] = watched({name: feed[name if own else ""] for name in names})
-        return result
-
-    one_row = {
-        INDICATORS_INPUT: np.zeros((1, len(INDICATORS))),
-        LANE_CHANGE_INPUT: np.zeros(1, dtype=np.bool_),
-        "": np.zeros((1, observed), dtype=np.float32),
-    }
-    try:
-        made = run(one_row)
-        shape, kind = made.shape, made.dtype.kind
-    except CheckpointError:
-        raise
-    except Exception as error:  # onnxruntime raises classes of its own
-        reason = " ".join(str(error).split())[:200]
-        raise CheckpointError(
-            f"{path} does not run on one observation, float32 of shape (1, {observed}) "
-            f"({reason}): export it with this input and a free number of rows."
-        ) from error
-    if shape[:1] != (1,) or kind not in "fiu":
-        raise CheckpointError(
-            f"{path} returns an array of shape {shape} and type {made.dtype} for one observation, "
-            "but must return one row of numbers: export it with the output (rows,) or "
-            f"(rows, {len(ACTIONS)})."
-        )
-    return run
