@@ -16,7 +16,7 @@ from drl_av.drivers.agent import UNPICKLED
 from drl_av.drivers.registry import driver_names
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.safety import CHECKS
-from drl_av.scenarios.folder import is_shadowed, summary_of, with_scenario
+from drl_av.scenarios.folder import summary_of, with_scenario
 
 if TYPE_CHECKING:
     from drl_av.env.custom import CustomParts
@@ -188,12 +188,6 @@ def with_command_line(config: Config, options: argparse.Namespace) -> Config:
         config = config.updated("simulation", world=options.world)
     if options.safety_check is not None:
         config = config.updated("safety", check=options.safety_check)
-    if options.scenario is not None and is_shadowed(options.scenario):
-        print(
-            f"drl-av: the scenario {options.scenario} is the one that ships; write "
-            f"./{options.scenario} for the folder here.",
-            file=sys.stderr,
-        )
     config = with_scenario(config, options.scenario, options.traffic)
     with suppress(ScenarioError):  # which the verb reports when it loads the scenario
         if summary := summary_of(config.simulation.scenario):

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config
+from drl_av.config import Config, from_toml
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import LEAK, Layers, QNetwork
 from drl_av.driving.actions import ACTIONS, Action, action_of
@@ -226,6 +226,39 @@ def _write(
     write_atomic(path, model.SerializeToString())
 
 
+def _session(path: Path) -> tuple[Any, Any]:
+    """Return the session of an ONNX file, and options of a run.
+
+    Raises:
+        CheckpointError: the file holds no network, or onnxruntime is not installed.
+    """
+    with needed_by(path, "onnxruntime", "'drl-av[onnx]'", CheckpointError):
+        import onnxruntime
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # the error is raised, too
+    try:
+        session = onnxruntime.InferenceSession(
+            str(path.absolute()), options, providers=["CPUExecutionProvider"]
+        )
+    except Exception as error:  # onnxruntime raises classes of its own, and OSError
+        raise CheckpointError(
+            f"{path} cannot be read as an ONNX network ({' '.join(str(error).split())[:200]}): "
+            "export it again."
+        ) from error
+    return session, onnxruntime.RunOptions()
+
+
+def exported_config(path: Path) -> Config | None:
+    """Return the settings in a file that ``drl-av export`` wrote; None for another network.
+
+    Raises:
+        CheckpointError: the file holds no network, or onnxruntime is not installed.
+    """
+    text = _session(path)[0].get_modelmeta().custom_metadata_map.get("config")
+    return None if text is None else from_toml(text, name=str(path))
+
+
 LONGEST_RUN_S = 10.0
 """A network that takes longer for one decision, which needs a millisecond, is refused."""
 
@@ -242,21 +275,7 @@ class OnnxDriver(Driver):
     """
 
     def __init__(self, path: Path, observed: int = len(INDICATORS)) -> None:
-        with needed_by(path, "onnxruntime", "'drl-av[onnx]'", CheckpointError):
-            import onnxruntime
-        self._path = path
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # the error is raised, too
-        try:
-            session = onnxruntime.InferenceSession(
-                str(path.absolute()), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # onnxruntime raises classes of its own, and OSError
-            raise CheckpointError(
-                f"{path} cannot be read as an ONNX network ({' '.join(str(error).split())[:200]}): "
-                "export it again."
-            ) from error
+        self._path, (session, run_options) = path, _session(path)
         names = [item.name for item in session.get_inputs()]
         self._is_exported = "indicators" in session.get_modelmeta().custom_metadata_map
         if self._is_exported and observed != len(INDICATORS):
@@ -269,7 +288,7 @@ class OnnxDriver(Driver):
                 f"{path} holds a driver of a training at scale, for programs without drl-av: drive "
                 "it here by its name, or the folder of its run."
             )
-        self._run = _Watched(path, session, onnxruntime.RunOptions())
+        self._run = _Watched(path, session, run_options)
         row = np.zeros((1, len(INDICATORS) if self._is_exported else observed), np.float32)
         try:
             [self._input] = names

@@ -28,6 +28,7 @@ from drl_av.drivers.learned import (
 )
 from drl_av.drivers.masked_policy import actor_driver, is_actor, load_actor
 from drl_av.drivers.network import Layers
+from drl_av.drivers.onnx import exported_config
 from drl_av.drivers.rule_based import (
     TUNED,
     GapMobilDriver,
@@ -88,7 +89,7 @@ class DriverSpec:
 
     @property
     def is_external(self) -> bool:
-        """Whether the driver's file is a zip or ONNX file, which holds no config of drl-av."""
+        """Whether the driver is a zip or ONNX file."""
         return self.run is not None and self.run.suffix.lower() in LOADERS
 
     @property
@@ -122,6 +123,18 @@ class DriverSpec:
             return None
         file = policy_file.find_policy(self.run)
         return load_actor(file) if is_actor(file) else None
+
+    @cached_property
+    def trained_with(self) -> Config | None:
+        """The config of the driver's training, also of one that was exported to ONNX, or None.
+
+        Raises:
+            RunError, CheckpointError: as ``load_learned``.
+        """
+        if self.is_external and self.run is not None:
+            return exported_config(self.run) if self.run.suffix.lower() == ".onnx" else None
+        found = self.learned or self.actor
+        return None if found is None else found[1]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields for a worker process, which reads the driver itself."""
@@ -241,7 +254,7 @@ def _unknown(word: str) -> ConfigError:
 
 
 def default_config(specs: Sequence[DriverSpec]) -> Config:
-    """Return the config of the first learned driver, or the default config without one.
+    """Return the config of the first driver that drl-av trained, or the default config without one.
 
     It is that of the driver's training, in SUMO, with the safety check that the user names with it.
     If the training drew the kind of traffic of each episode, the traffic is the default one.
@@ -251,8 +264,8 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
         CheckpointError: the policy file of that driver is damaged.
     """
     for spec in specs:
-        if found := spec.learned or spec.actor:
-            config = spec.config(found[1].updated("simulation", world="sumo"))
+        if (own := spec.trained_with) is not None:
+            config = spec.config(own.updated("simulation", world="sumo"))
             return replace(config, traffic=TrafficConfig()) if config.traffic.presets else config
     return Config()
 
@@ -261,13 +274,12 @@ def warn_of_checks(specs: Sequence[DriverSpec], check: str) -> None:
     """Warn if some drivers without a named check would by themselves drive under another one.
 
     ``check`` is that of the evaluation. Rule-based drivers and factories have no check of their
-    own; a zip or ONNX file alone would drive under that of the default config.
+    own; an agent's zip file alone would drive under that of the default config.
     """
     own = {}
     for spec in specs:
         if spec.run is not None and spec.under is None:
-            config = Config() if spec.is_external else default_config([spec])
-            own[spec.name] = config.safety.check
+            own[spec.name] = default_config([spec]).safety.check
     others = {name: each for name, each in own.items() if each != check}
     if others:
         named = ", ".join(f"{name} by itself under {each}" for name, each in others.items())

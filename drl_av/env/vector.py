@@ -113,16 +113,14 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if render_mode is not None or sumo_options is not None:
             raise ConfigError(
                 "make_vec drives in the twin, which has no pictures and no SUMO: leave render_mode "
-                "and sumo_options out, or take gymnasium.make."
+                "and sumo_options out, or add vectorization_mode='sync'."
             )
-        config = as_config(config)
-        if scenario is not None:
-            config = with_scenario(config, scenario)
+        config = with_scenario(as_config(config), scenario)
         if safety_check is not None:
             if not isinstance(safety_check, str):
                 raise ConfigError(
                     f"safety_check is {safety_check!r}, but the twin has the named checks only "
-                    f"({', '.join(CHECK_NUMBERS)}): name one, or take gymnasium.make."
+                    f"({', '.join(CHECK_NUMBERS)}): name one, or add vectorization_mode='sync'."
                 )
             config = config.updated("safety", check=safety_check)
         WorldArrays.__init__(self, config)
@@ -311,7 +309,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         return masks
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads."""
+        """End the threads and the episodes."""
+        self._begun = False
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None

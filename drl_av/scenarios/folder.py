@@ -1,6 +1,7 @@
 """Functions that write, read and verify scenario folders, and that find the shipped ones."""
 
 import os
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -10,7 +11,7 @@ from pathlib import Path
 from drl_av.config import Config
 from drl_av.config.section import did_you_mean
 from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
-from drl_av.errors import ConfigError, ScenarioError
+from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError
 from drl_av.files import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
@@ -275,7 +276,7 @@ def with_scenario(
 
     Without ``name_or_path`` it is the config's own. A folder is named by its absolute path. A
     shipped scenario takes precedence over a folder of its name, which a Path or ``./name`` stands
-    for. Any other text stays as it is.
+    for; a warning says so. Any other text stays as it is.
 
     On an open road the default shares of the paper's drivers, who cannot drive there, become 0, so
     that the default traffic is ``calm``.
@@ -292,6 +293,13 @@ def with_scenario(
             "name of a shipped scenario; settings are the argument config."
         )
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
+    if is_name and os.path.isfile(os.path.join(name_or_path, folder_files.DESCRIPTION_FILE)):
+        warnings.warn(
+            f"The scenario {name_or_path} is the one that ships; write ./{name_or_path} for the "
+            "folder here.",
+            DrlAvWarning,
+            stacklevel=1,
+        )
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
     absolute = os.path.realpath if ".." in Path(name_or_path).parts else os.path.abspath
     scenario = absolute(name_or_path) if is_folder else str(name_or_path)
@@ -310,12 +318,6 @@ def _is_open(scenario: str) -> bool:
         description = find_scenario(scenario) / folder_files.DESCRIPTION_FILE
         return isinstance(read_description(description), OpenDescription)
     return False
-
-
-def is_shadowed(name: str) -> bool:
-    """Return whether a name is that of a shipped scenario, and of a scenario's folder here."""
-    description = os.path.join(name, folder_files.DESCRIPTION_FILE)
-    return name in shipped_scenarios() and os.path.isfile(description)
 
 
 def find_scenario(name_or_path: str | Path | None = None) -> Path:
@@ -348,7 +350,8 @@ def find_scenario(name_or_path: str | Path | None = None) -> Path:
             f"There is no scenario {name!r}: correct the path, or put the folder back there."
         )
     raise ScenarioError(
-        f"There is no scenario {name!r}{hint}: name a folder, or one of: {', '.join(shipped)}."
+        f"There is no scenario {name!r}{hint} in {Path.cwd()}: name a folder, or one of: "
+        f"{', '.join(shipped)}."
     )
 
 

@@ -83,7 +83,10 @@ RIGHT_RELUCTANCE = 10.0
 ONLY_SUMO = int(DriverModel.SUMO)
 GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
-IN_SUMO = 'drive in SUMO (--world sumo, in Python gymnasium.make and simulation.world = "sumo")'
+IN_SUMO = (
+    'drive in SUMO (--world sumo; in Python simulation.world = "sumo", and gymnasium.make or '
+    'make_vec with vectorization_mode="sync")'
+)
 """What a user can do about what the twin does not know."""
 
 
@@ -160,7 +163,7 @@ LEAST_ROOM_M = 1.2
 
 def require_supported(scenario: Scenario, config: Config) -> None:
     """Raise ConfigError, with the reason, for what the twin cannot do."""
-    timing = config.simulation
+    timing, lane_m = config.simulation, scenario.road.lane_width_m
     lanes, types = np.flatnonzero(scenario.road.open_lanes), scenario.vehicle_types
     changed = any(
         replace(one, length_m=written.length_m, width_m=written.width_m) != written
@@ -180,12 +183,11 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         "vehicle types of the user": bool(scenario.vehicle_types.own),
         "changes of vehicle_types.add.xml other than sizes": changed,
         f"lanes at most {LEAST_ROOM_M:g} m wider than their widest vehicle": (
-            scenario.road.lane_width_m - widest_m <= LEAST_ROOM_M + 1e-9
+            lane_m - widest_m <= LEAST_ROOM_M + 1e-9
         ),
         "a simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
-        "a simulation.lateral_resolution_m other than the lane width": not math.isclose(
-            timing.strip_width_m(scenario.road.lane_width_m), scenario.road.lane_width_m
-        ),
+        "a simulation.lateral_resolution_m other than the lane width "
+        f"(set it to {lane_m:g})": not math.isclose(timing.strip_width_m(lane_m), lane_m),
     }
     for what, is_so in refused.items():
         if is_so:

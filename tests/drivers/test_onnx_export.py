@@ -16,7 +16,12 @@ from drl_av.config.reference import annotated_toml
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.onnx import described, export
 from drl_av.drivers.policy_file import SHIPPED, load_run, save_policy
-from drl_av.drivers.registry import find_drivers, load_learned, make_drivers
+from drl_av.drivers.registry import (
+    default_config,
+    find_drivers,
+    load_learned,
+    make_drivers,
+)
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.observation_scale import ObservationScale
@@ -141,3 +146,13 @@ def test_the_exported_driver_drives_the_same_episode(exported: Path) -> None:
     with closing(HighwayEnv(config=config)) as env:
         first = drive(env, own, "driver", 800_000, 15)
         assert drive(env, other, "driver", 800_000, 15) == first
+
+
+def test_the_exported_driver_drives_with_the_settings_of_its_training(tmp_path: Path) -> None:
+    settings = {"vehicles_max": 7}
+    config = Config().with_traffic("calm").updated("traffic", **settings)
+    config = config.updated("safety", check="strict")
+    save_policy(tmp_path / "policy.safetensors", QNetwork(np.random.default_rng(0)), config)
+    (tmp_path / "config.toml").write_text(annotated_toml(config))
+    assert main(["export", str(tmp_path), str(tmp_path / "driver.onnx")]) == 0
+    assert default_config(find_drivers([tmp_path / "driver.onnx"])) == config

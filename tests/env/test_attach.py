@@ -534,6 +534,7 @@ HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
             r"drives 20 m/s, but ego.max_speed_m_s is 19: raise that, .*: 21\}\}",
         ),
         ((), CAR, {"driver": "sumo"}, "SUMO drives the vehicle already"),
+        ((), CAR, {"driver": "idm-sumo"}, "lane changes of idm-sumo: attach idm-mobil instead"),
         (
             (),
             CAR,

@@ -15,7 +15,7 @@ from runs import files_of
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.errors import ConfigError, ScenarioError, SimulationError
+from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError, SimulationError
 from drl_av.scenarios import netconvert
 from drl_av.scenarios.folder import (
     PlacedVehicle,
@@ -24,6 +24,7 @@ from drl_av.scenarios.folder import (
     load_scenario,
     read_description,
     shipped_scenarios,
+    with_scenario,
     write_scenario,
 )
 from drl_av.scenarios.highways import (
@@ -54,6 +55,16 @@ OPEN = {
     "exit": ExitDescription(),
     "ramp_to_ramp": RampToRampDescription(),
 }
+
+
+def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_meant_and_a_warning_says_so(
+    here: Path,
+) -> None:
+    folder = here / "merge"
+    write_scenario(folder, ScenarioDescription())
+    with pytest.warns(DrlAvWarning, match=r"merge is the one that ships; write \./merge for the"):
+        assert with_scenario(Config(), "merge").simulation.scenario == "merge"
+    assert with_scenario(Config(), "./merge").simulation.scenario == str(folder)
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())

@@ -201,18 +201,29 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"render_mode": "rgb_array"}, "leave render_mode and sumo_options out"),
+        ({"render_mode": "rgb_array"}, "leave render_mode and sumo_options out, .*'sync'"),
         ({"sumo_options": "--fcd-output fcd.xml"}, "leave render_mode and sumo_options out"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"autoreset_mode": "Same"}, "but must be one of: NextStep, SameStep, Disabled"),
         ({"scenario": "barricade"}, "places exactly: drive in SUMO .*gymnasium.make"),
         ({"safety_check": 3}, "safety_check is 3, but the twin has the named checks only"),
         ({"scenario": {"lanes": 2}}, "scenario is of the type dict"),
+        ({"config": {"simulation": {"lateral_resolution_m": 1.9}}}, r"\(set it to 3.8\): drive"),
     ],
 )
 def test_an_argument_that_make_vec_cannot_take_is_refused(given: Any, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         TwinVectorEnv(2, **given)
+
+
+def test_a_scenario_of_the_settings_is_as_if_it_were_named() -> None:
+    env = TwinVectorEnv(1, config={"simulation": {"scenario": "merge"}})
+    assert env.config == TwinVectorEnv(1, "merge").config
+    assert env.config.traffic.finite_state_share == 0.0
+    env.reset(seed=3)
+    env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(1, np.int64))
 
 
 def test_a_reset_names_the_options_that_it_has() -> None:
