@@ -88,7 +88,7 @@ def _warnings_in_one_line(program: str) -> Iterator[None]:
     """Print each DrlAvWarning once, as one line on stderr that begins with the program's name."""
     with warnings.catch_warnings():
         warnings.simplefilter("default", DrlAvWarning)
-        show = warnings.showwarning
+        show, said = warnings.showwarning, set[str]()
 
         def show_in_one_line(
             message: Warning | str, category: type[Warning], *rest: Any, **named: Any
@@ -97,7 +97,9 @@ def _warnings_in_one_line(program: str) -> Iterator[None]:
                 show(message, category, *rest, **named)
                 return
             text = " ".join(str(message).split())
-            print(printable(f"{program}: {text}"), file=sys.stderr, flush=True)
+            if text not in said:
+                said.add(text)
+                print(printable(f"{program}: {text}"), file=sys.stderr, flush=True)
 
         warnings.showwarning = show_in_one_line
         yield

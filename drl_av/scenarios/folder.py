@@ -285,6 +285,7 @@ def with_scenario(
         ConfigError: ``name_or_path`` is neither a text nor a Path; or the road is open, and
             ``traffic``, the kind that the user names, has them.
     """
+    is_own = name_or_path is None
     if name_or_path is None:
         name_or_path = config.simulation.scenario
     if not isinstance(name_or_path, str | Path):
@@ -293,7 +294,8 @@ def with_scenario(
             "name of a shipped scenario; settings are the argument config."
         )
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
-    if is_name and os.path.isfile(os.path.join(name_or_path, folder_files.DESCRIPTION_FILE)):
+    description = os.path.join(name_or_path, folder_files.DESCRIPTION_FILE)
+    if is_name and not is_own and os.path.isfile(description):
         warnings.warn(
             f"The scenario {name_or_path} is the one that ships; write ./{name_or_path} for the "
             "folder here.",
