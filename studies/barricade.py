@@ -27,7 +27,7 @@ from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
-from drl_av.road.road import Road
+from drl_av.road.road import Road, is_open
 from drl_av.road.snapshot import CollisionKind
 from studies.options import Call, Options, Plan, Program
 from studies.results import ResultsFolder, markdown_table
@@ -89,7 +89,7 @@ class BarricadeMetrics(EpisodeMetrics):
         lane = scene.affordances.lane
         if change := next_lane_change(scene.lane_change, lane, action.lateral):
             lane = change.target
-        return 0 <= lane < len(self._road.open_lanes) and not self._road.is_open(lane)
+        return 0 <= lane < len(self._road.open_lanes) and not is_open(lane, self._road)
 
 
 def train_and_evaluate(config: Config) -> list[Row]:

@@ -26,16 +26,16 @@ from drl_av.driving.affordances import (
 from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_terms
-from drl_av.road.compiled_road import (
+from drl_av.road.compiled_road import lane_of, road_numbers
+from drl_av.road.road import (
+    PartialLane,
+    Road,
     holds,
     is_beside,
     is_open_at,
     lane_end_m,
-    lane_of,
     mandatory_change,
-    road_numbers,
 )
-from drl_av.road.road import PartialLane, Road
 from drl_av.road.snapshot import Collision, Snapshot
 from drl_av.road.sweep import KINDS, NO_CONTACT, displacements, rectangles_of, swept_collision
 from drl_av.safety.paper import Paper
@@ -218,7 +218,8 @@ def test_the_order_along_the_road_finds_the_same_vehicles_as_a_look_at_all() -> 
 
 
 def test_roads() -> None:
-    rng = np.random.default_rng(8)
+    rng, of_lane = np.random.default_rng(8), (is_open_at, lane_end_m)
+    fast = {each: compiled(each) for each in (*of_lane, is_beside, holds, mandatory_change)}
     for road in ROADS:
         numbered = road_numbers(road)
         for _ in range(SCENES):
@@ -226,13 +227,15 @@ def test_roads() -> None:
             y_m, width_m = float(rng.uniform(-3, 16)), float(rng.uniform(1, 3))
             aside = lane + int(rng.choice((-1, 1)))
             assert lane_of(y_m, road.lane_width_m) == road.lane_of(y_m)
-            assert is_open_at(lane, at_m, numbered) == road.is_open_at(lane, at_m)
-            assert is_beside(lane, aside, at_m, numbered) == road.is_beside(lane, aside, at_m)
-            assert lane_end_m(lane, at_m, numbered) == road.lane_end_m(lane, at_m)
-            assert holds(y_m, width_m, at_m, numbered) == road.holds(y_m, width_m, at_m)
-            if road.is_open_at(lane, at_m):
-                found = mandatory_change(lane, at_m, numbered)
-                assert found == road.mandatory_change(lane, at_m)
+            for each in of_lane:
+                assert fast[each](lane, at_m, numbered) == each(lane, at_m, road)
+            beside = lane, aside, at_m
+            assert fast[is_beside](*beside, numbered) == is_beside(*beside, road)
+            body = y_m, width_m, at_m
+            assert fast[holds](*body, numbered) == holds(*body, road)
+            if is_open_at(lane, at_m, road):
+                found = fast[mandatory_change](lane, at_m, numbered)
+                assert found == mandatory_change(lane, at_m, road)
 
 
 def test_collisions() -> None:

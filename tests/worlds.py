@@ -16,7 +16,7 @@ from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import Plan, plan
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road, is_open
 from drl_av.road.snapshot import Snapshot
 
 LENGTH_M, WIDTH_M, LANE_M = 5.0, 1.8, 3.8
@@ -177,7 +177,7 @@ CARS = st.builds(
 def scenes(draw: st.DrawFn) -> Scene:
     """Any traffic around an ego that keeps its lane or is 1 to 4 s into a lane change."""
     road = draw(st.sampled_from([ROAD, BARRICADED_ROAD]))
-    lanes = [lane for lane in range(3) if road.is_open(lane)]
+    lanes = [lane for lane in range(3) if is_open(lane, road)]
     origin = draw(st.sampled_from(lanes))
     targets = [lane for lane in lanes if abs(lane - origin) == 1]
     seconds = draw(st.integers(0, 4))

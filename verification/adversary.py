@@ -19,7 +19,7 @@ from drl_av.driving.actions import ACTIONS, ego_numbers
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.compiled_road import road_numbers
-from drl_av.road.road import ARRIVED_M, FloatArray, Road
+from drl_av.road.road import ARRIVED_M, FloatArray, Road, holds
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.road.sweep import KINDS, swept_collision
 from drl_av.safety.check import SafetyCheck
@@ -179,8 +179,8 @@ class Mover:
         to_barriers_m = barrier_separation(world.road.barriers, places, *sizes_m)
         world.least_m = np.minimum(world.least_m, np.column_stack([least_m, to_barriers_m]))
         fronts = zip(world.y_m[:, 0].tolist(), world.x_m[:, 0].tolist(), strict=True)
-        holds = [world.road.holds(y, WIDTH_M, x + LENGTH_M / 2) for y, x in fronts]
-        leaves = ~np.array(holds, np.bool_)
+        held = [holds(y, WIDTH_M, x + LENGTH_M / 2, world.road) for y, x in fronts]
+        leaves = ~np.array(held, np.bool_)
         for row in np.flatnonzero(going & leaves).tolist():
             world.collisions[row] = Collision(CollisionKind.HIT_EDGE, None)
         touches = (least_m < -TOUCHING_M).any(axis=1)

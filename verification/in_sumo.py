@@ -9,6 +9,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.traffic import NO_PAPER_DRIVERS
+from drl_av.road.road import holds
 from drl_av.road.snapshot import Collision, CollisionKind, Command
 from drl_av.scenarios.folder import (
     PlacedVehicle,
@@ -96,7 +97,7 @@ class SumoWorld:
         """
         road, fronts_m = self._scenario.road, s_m + HALF_M
         others = zip(y_m[1:].tolist(), fronts_m[1:].tolist(), strict=True)
-        stays = all(road.holds(y, WIDTH_M, front_m) for y, front_m in others)
+        stays = all(holds(y, WIDTH_M, front_m, road) for y, front_m in others)
         return stays and bool(fronts_m.max() < road.end_m)
 
     def _start(self, world: World) -> Simulation:

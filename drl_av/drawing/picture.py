@@ -31,7 +31,7 @@ from drl_av.drawing.panels import (
     lay_legend,
 )
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, draw_strip, lay_asphalt, lay_marks
-from drl_av.road.road import Road
+from drl_av.road.road import Road, is_open
 from drl_av.road.snapshot import EGO, Snapshot
 
 _CENTER, _RADIUS, _LANES_PX = (186.0, 548.0), 146.0, 48.0
@@ -44,9 +44,9 @@ def lay_ring(canvas: Canvas, road: Road) -> None:
     for lane in range(lanes):
         outer = _RADIUS - lane * lane_px
         canvas.arc(
-            _CENTER, outer, (0, 360), ASPHALT if road.is_open(lane) else BARRED, lane_px + 0.5
+            _CENTER, outer, (0, 360), ASPHALT if is_open(lane, road) else BARRED, lane_px + 0.5
         )
-        if not road.is_open(lane):
+        if not is_open(lane, road):
             for start in range(0, 360, 6):
                 canvas.arc(
                     _CENTER, outer - lane_px * 0.35, (start, start + 2.5), DIM, lane_px * 0.3

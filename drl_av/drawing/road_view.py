@@ -20,7 +20,7 @@ from drl_av.drawing.canvas import (
     Point,
     speed_color,
 )
-from drl_av.road.road import PartialLane, Road
+from drl_av.road.road import PartialLane, Road, is_beside, is_open, is_open_at, is_partial
 from drl_av.road.snapshot import EGO, Snapshot
 
 
@@ -89,10 +89,10 @@ def solid_lines(road: Road, line: int) -> Iterator[tuple[float, float, tuple[int
         ends_m |= {part.begin_m, part.end_m, part.joined_from_m, part.joined_to_m}
     for begin_m, end_m in pairwise(sorted(ends_m)):
         middle_m = (begin_m + min(end_m, FAR_M)) / 2
-        right, left = (road.is_open_at(lane, middle_m) for lane in (line - 1, line))
+        right, left = (is_open_at(lane, middle_m, road) for lane in (line - 1, line))
         if left != right:
             yield begin_m, end_m, AMBER if right else BRIGHT
-        elif left and not road.is_beside(line - 1, line, middle_m):
+        elif left and not is_beside(line - 1, line, middle_m, road):
             yield begin_m, end_m, BRIGHT
 
 
@@ -111,7 +111,7 @@ def _box(
 ) -> None:
     left, right = (_column(strip, at_m) for at_m in ahead_m)
     center_m, half_m = road.center_m(lane), road.lane_width_m / 2
-    outward = -1 if not all(map(road.is_partial, range(lane))) else 1
+    outward = -1 if not all(is_partial(right, road) for right in range(lane)) else 1
     verge = outward * strip.lane_px / 8
     upper = strip.y(road, center_m + half_m) + verge
     lower = strip.y(road, center_m - half_m) + verge
@@ -173,7 +173,7 @@ def lay_asphalt(canvas: Canvas, strip: RoadStrip, road: Road) -> None:
     bottom = strip.y(road, -half)
     canvas.box((strip.left, top - verge, strip.right, bottom + verge), ASPHALT)
     for lane in range(lanes):
-        if not road.is_open(lane):
+        if not is_open(lane, road):
             upper, lower = (strip.y(road, road.center_m(lane) + side) for side in (half, -half))
             canvas.box((strip.left, upper, strip.right, lower), BARRED)
     if road.partial_lanes:
@@ -228,14 +228,14 @@ def _draw_markings(canvas: Canvas, strip: RoadStrip, ego_s_m: float, road: Road)
             if _is_dashed(road, boundary, ego_s_m + mark_m):
                 canvas.line([(strip.x(mark_m), y), (strip.x(mark_m + DASH_M), y)], BRIGHT, thick)
     for lane in range(len(road.open_lanes)):
-        if not road.is_open(lane):
+        if not is_open(lane, road):
             _draw_barricade(canvas, strip, ego_s_m, road, lane)
 
 
 def _is_dashed(road: Road, boundary: int, from_m: float) -> bool:
     """Return whether vehicles may change lanes along the dash to the right of lane ``boundary``."""
     return not road.partial_lanes or any(
-        road.is_open_at(boundary - 1, s_m) and road.is_beside(boundary - 1, boundary, s_m)
+        is_open_at(boundary - 1, s_m, road) and is_beside(boundary - 1, boundary, s_m, road)
         for s_m in (from_m, from_m + DASH_M)
     )
 

@@ -7,18 +7,7 @@ import numpy.typing as npt
 
 from drl_av.compiled import borrowing, inlined
 from drl_av.config import ObservationConfig
-from drl_av.road.compiled_road import (
-    RoadNumbers,
-    allowed_speed_in,
-    around,
-    is_beside,
-    is_open,
-    lane_end_m,
-    lane_of,
-    mandatory_change,
-    may_cross,
-    road_numbers,
-)
+from drl_av.road.compiled_road import allowed_speed_in, around, lane_of, may_cross, road_numbers
 from drl_av.road.road import (
     LANE_CHANGE_S,
     NO_CHANGE,
@@ -26,8 +15,13 @@ from drl_av.road.road import (
     FloatArray,
     MandatoryChange,
     Road,
+    RoadNumbers,
     SpeedLimit,
     allowed_speed,
+    is_beside,
+    is_open,
+    lane_end_m,
+    mandatory_change,
 )
 from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 

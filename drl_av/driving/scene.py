@@ -15,7 +15,7 @@ from drl_av.config import Config, ObservationConfig
 from drl_av.driving.actions import Action, Lateral, nearest_action, toward
 from drl_av.driving.affordances import Affordances, Indicators, affordances_of, compute_indicators
 from drl_av.errors import ConfigError
-from drl_av.road.road import ARRIVED_M, OPEN_LAP_M, Road
+from drl_av.road.road import ARRIVED_M, OPEN_LAP_M, Road, is_open
 from drl_av.road.snapshot import EGO, Snapshot
 
 
@@ -123,7 +123,7 @@ class Scene:
                 "length_m and width_m above 0."
             )
         road = Road(OPEN_LAP_M, float(lane_width_m), (True,) * int(lanes), end_m=OPEN_LAP_M)
-        if not road.is_open(road.lane_of(arrays[1][EGO])):
+        if not is_open(road.lane_of(arrays[1][EGO]), road):
             raise ConfigError(
                 f"The ego is at y_m = {arrays[1][EGO]:g}, but the centres of the {lanes} lanes are "
                 f"at 0 to {road.center_m(lanes - 1):g}, left positive: change y_m or the lanes."

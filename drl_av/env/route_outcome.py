@@ -3,7 +3,7 @@
 import math
 
 from drl_av.driving.affordances import FRONT, LANE, Indicators
-from drl_av.road.road import Road
+from drl_av.road.road import Road, lane_end_m, mandatory_change
 
 EXIT_TAKEN, EXIT_MISSED = "exit taken", "exit missed"
 MERGED, NOT_MERGED = "merged", "not merged"
@@ -22,8 +22,8 @@ class RouteOutcome:
         self._road, self._has_exit = road, road.exit_m < math.inf
         self._end_m, self._exit_lane = road.exit_m, road.exit_lane
         lane, front_m = place_of(start)
-        if not self._has_exit and road.mandatory_change(lane, front_m).lanes != 0:
-            self._end_m = road.lane_end_m(lane, front_m)
+        if not self._has_exit and mandatory_change(lane, front_m, road)[0] != 0:
+            self._end_m = lane_end_m(lane, front_m, road)
         self.reached = ""
         """The outcome, or "" while it is not decided."""
 

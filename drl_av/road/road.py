@@ -1,4 +1,7 @@
-"""Lanes and distances on a road, closed to a loop or open; pure geometry, no SUMO."""
+"""Lanes and distances on a road, closed to a loop or open; pure geometry, no SUMO.
+
+The functions take a ``Road`` in Python, and its ``RoadNumbers`` in compiled functions.
+"""
 
 import math
 from collections.abc import Iterable
@@ -8,6 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from drl_av.compiled import squared
 
 FloatArray = npt.NDArray[np.float64]
 ROUNDING = 1e-9
@@ -26,8 +31,7 @@ OPEN_LAP_M = 2.0**20
 """``Road.lap_m`` of each open road, about 1,000 km; a power of two avoids rounding errors."""
 
 
-@dataclass(frozen=True)
-class PartialLane:
+class PartialLane(NamedTuple):
     """A lane that begins or ends within an open road, such as an acceleration lane.
 
     It lies to the right or to the left of the lanes that extend along the whole road.
@@ -63,22 +67,25 @@ LIMIT_BRAKING_M_S2 = 2.0
 """Braking with which the ego slows down for a lower speed limit ahead (ours)."""
 
 
-def allowed_speed(limits: Iterable[SpeedLimit], front_m: float = 0.0, step_s: float = 0.0) -> float:
-    """Return the largest speed of the next SUMO step that keeps all limits, m/s (ours).
+def allowed_by(
+    begin_m: float, end_m: float, limit_m_s: float, front_m: float, step_s: float
+) -> float:
+    """Return the largest speed of the next SUMO step that keeps one limit, m/s (ours).
 
-    The front of the vehicle is at ``front_m``, in the coordinate of ``limits``. With this speed v
-    it can brake with b = ``LIMIT_BRAKING_M_S2`` to each limit w that begins in a distance d ahead:
-    v h + (v^2 - w^2) / 2b = d, where h is ``step_s``. The result is inf where there is no limit.
+    The front of the vehicle is at ``front_m``. With this speed v it can brake with b =
+    ``LIMIT_BRAKING_M_S2`` to the limit w if that begins in a distance d ahead: v h + (v^2 - w^2) /
+    2b = d, where h is ``step_s``. The result is inf where the limit does not apply.
     """
-    most_m_s, slack_m_s = math.inf, LIMIT_BRAKING_M_S2 * step_s
-    for begin_m, end_m, limit_m_s in limits:
-        left_m = begin_m - front_m
-        if left_m > 0.0:
-            square = slack_m_s**2 + 2 * LIMIT_BRAKING_M_S2 * left_m + limit_m_s**2
-            most_m_s = min(most_m_s, max(limit_m_s, math.sqrt(square) - slack_m_s))
-        elif front_m < end_m:
-            most_m_s = min(most_m_s, limit_m_s)
-    return most_m_s
+    left_m, slack_m_s = begin_m - front_m, LIMIT_BRAKING_M_S2 * step_s
+    if left_m > 0.0 and limit_m_s < math.inf:
+        square = squared(slack_m_s) + 2 * LIMIT_BRAKING_M_S2 * left_m + squared(limit_m_s)
+        return max(limit_m_s, math.sqrt(square) - slack_m_s)
+    return limit_m_s if front_m < end_m else math.inf
+
+
+def allowed_speed(limits: Iterable[SpeedLimit], front_m: float = 0.0, step_s: float = 0.0) -> float:
+    """Return the largest speed that keeps all limits (``allowed_by``), m/s; inf without a limit."""
+    return min((allowed_by(*limit, front_m, step_s) for limit in limits), default=math.inf)
 
 
 class ForbiddenLine(NamedTuple):
@@ -149,68 +156,9 @@ class Road:
         """Return the lateral position of a lane's centre, metres."""
         return lane * self.lane_width_m
 
-    def is_open(self, lane: int) -> bool:
-        """Whether the lane exists somewhere on the road and is not barricaded."""
-        return 0 <= lane < len(self.open_lanes) and self.open_lanes[lane]
-
-    def is_partial(self, lane: int) -> bool:
-        """Whether the lane begins or ends within the road."""
-        return any(part.lane == lane for part in self.partial_lanes)
-
-    def is_open_at(self, lane: int, s_m: float) -> bool:
-        """Whether the lane exists at the position ``s_m`` along the road and is not barricaded."""
-        return self.is_open(lane) and (
-            self._part(lane, s_m) is not None or not self.is_partial(lane)
-        )
-
-    def is_beside(self, lane: int, other: int, s_m: float) -> bool:
-        """Whether a vehicle at ``s_m`` may change from ``lane`` to the adjacent lane ``other``."""
-        right = min(lane, other)
-        part = self._part(right, s_m)
-        joined = part is None or part.joined_from_m <= s_m < part.joined_to_m
-        return joined and self.is_open_at(other, s_m)
-
-    def lane_end_m(self, lane: int, s_m: float) -> float:
-        """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""
-        part = self._part(lane, s_m)
-        return math.inf if part is None else part.end_m
-
-    def mandatory_change(self, lane: int, s_m: float) -> MandatoryChange:
-        """Return the lane changes that the ego must make from ``lane`` at the position ``s_m``.
-
-        If the lane ends before the ego's route does, the ego must change to the nearest lane that
-        continues beyond this end. Otherwise, if the road has an exit, the ego must be in
-        ``exit_lane`` before the exit; this also applies where ``exit_lane`` has not begun yet. The
-        result is ``NO_CHANGE`` if no lane change is necessary.
-        """
-        end_m = self.lane_end_m(lane, s_m)
-        if end_m < min(self.end_m, self.exit_m):
-            return MandatoryChange(self._lanes_aside(lane, end_m), end_m - s_m)
-        if lane > self.exit_lane and s_m < self.exit_m < math.inf:
-            return MandatoryChange(self.exit_lane - lane, self.exit_m - s_m)
-        return NO_CHANGE
-
     def misses_exit(self, lane: int, s_m: float) -> bool:
         """Whether a vehicle in this lane with its front at ``s_m`` has passed the ego's exit."""
         return lane > self.exit_lane and s_m >= self.exit_m
-
-    def _lanes_aside(self, lane: int, end_m: float) -> int:
-        """Return the number of lanes, left positive, from a lane that ends to one that goes on."""
-        before_m = math.nextafter(end_m, -math.inf)
-        aside = sorted(range(-lane, len(self.open_lanes) - lane), key=abs)
-        return next(
-            lanes
-            for lanes in aside
-            if self.is_open_at(lane + lanes, before_m)
-            and self.lane_end_m(lane + lanes, before_m) > end_m
-        )
-
-    def _part(self, lane: int, s_m: float) -> PartialLane | None:
-        """Return the partial lane with this index at the position ``s_m``, or None."""
-        for part in self.partial_lanes:
-            if part.lane == lane and part.begin_m <= s_m < part.end_m:
-                return part
-        return None
 
     @cached_property
     def barriers(self) -> tuple[Barrier, ...]:
@@ -224,20 +172,6 @@ class Road:
                 found.append(Barrier(part.joined_to_m, line_m, line_m))
         return tuple(found)
 
-    def holds(self, y_m: float, width_m: float, s_m: float = 0.0) -> bool:
-        """Whether a body of width ``width_m`` with its centre at ``y_m`` is on open lanes only.
-
-        ``s_m`` is the position of the body's front along the road; only partial lanes depend on it.
-        """
-        half = self.lane_width_m / 2
-        right = math.floor((y_m - width_m / 2 + half) / self.lane_width_m + ROUNDING)
-        left = math.ceil((y_m + width_m / 2 + half) / self.lane_width_m - ROUNDING) - 1
-        if not self.partial_lanes:
-            return all(map(self.is_open, range(right, left + 1)))
-        return self.is_open_at(right, s_m) and all(
-            self.is_beside(lane, lane + 1, s_m) for lane in range(right, left)
-        )
-
     def ahead_m(self, s_from_m: float | FloatArray, s_to_m: FloatArray) -> FloatArray:
         """Return the signed distance along the road from one position to another, metres.
 
@@ -246,3 +180,109 @@ class Road:
         """
         half = self.lap_m / 2
         return (s_to_m - s_from_m + half) % self.lap_m - half
+
+
+class RoadNumbers(NamedTuple):
+    """A road as numbers and arrays; the fields of ``Road`` have the same names and meanings."""
+
+    lap_m: float
+    lane_width_m: float
+    open_lanes: npt.NDArray[np.bool_]
+    """Shape (lanes,), rightmost lane first."""
+    end_m: float
+    exit_m: float
+    exit_lane: int
+    partial_lanes: FloatArray
+    """Shape (partial lanes, 5); the columns are the fields of ``PartialLane``."""
+    barriers: FloatArray
+    """Shape (barriers, 3); the columns are the fields of ``Barrier``."""
+    speed_limits: FloatArray
+    """Shape (limits, 4): the lane, and the fields of its ``SpeedLimit``."""
+    forbidden_lines: FloatArray
+    """Shape (lines, 4); the columns are the fields of ``ForbiddenLine``."""
+
+
+def is_open(lane: int, road: Road | RoadNumbers) -> bool:
+    """Return whether the lane exists somewhere on the road and is not barricaded."""
+    return 0 <= lane < len(road.open_lanes) and bool(road.open_lanes[lane])
+
+
+def is_partial(lane: int, road: Road | RoadNumbers) -> bool:
+    """Return whether the lane begins or ends within the road."""
+    found = False
+    for row in range(len(road.partial_lanes)):
+        found = found or bool(road.partial_lanes[row][0] == lane)
+    return found
+
+
+def partial_lane(lane: int, s_m: float, road: Road | RoadNumbers) -> int:
+    """Return the row of the partial lane with this index at the position ``s_m``, or -1."""
+    for row in range(len(road.partial_lanes)):
+        part = road.partial_lanes[row]
+        if part[0] == lane and part[1] <= s_m < part[2]:
+            return row
+    return -1
+
+
+def is_open_at(lane: int, s_m: float, road: Road | RoadNumbers) -> bool:
+    """Return whether the lane exists at ``s_m`` along the road and is not barricaded."""
+    if not is_open(lane, road):
+        return False
+    return not is_partial(lane, road) or partial_lane(lane, s_m, road) >= 0
+
+
+def is_beside(lane: int, other: int, s_m: float, road: Road | RoadNumbers) -> bool:
+    """Return whether a vehicle at ``s_m`` may change from ``lane`` to the adjacent ``other``."""
+    row = partial_lane(min(lane, other), s_m, road)
+    if row >= 0 and not road.partial_lanes[row][3] <= s_m < road.partial_lanes[row][4]:
+        return False
+    return is_open_at(other, s_m, road)
+
+
+def lane_end_m(lane: int, s_m: float, road: Road | RoadNumbers) -> float:
+    """Return the position where the lane at position ``s_m`` ends; inf if it does not end."""
+    row = partial_lane(lane, s_m, road)
+    return math.inf if row < 0 else road.partial_lanes[row][2]
+
+
+def mandatory_change(lane: int, s_m: float, road: Road | RoadNumbers) -> tuple[int, float]:
+    """Return the lane changes that the ego must make from ``lane`` at the position ``s_m``.
+
+    If the lane ends before the ego's route does, the ego must change to the nearest lane that
+    continues beyond this end. Otherwise, if the road has an exit, the ego must be in ``exit_lane``
+    before the exit; this also applies where ``exit_lane`` has not begun yet.
+
+    Returns:
+        The fields of ``MandatoryChange``; those of ``NO_CHANGE`` if no lane change is necessary.
+    """
+    end_m = lane_end_m(lane, s_m, road)
+    if end_m < min(road.end_m, road.exit_m):
+        return lanes_aside(lane, end_m, road), end_m - s_m
+    if lane > road.exit_lane and s_m < road.exit_m < math.inf:
+        return road.exit_lane - lane, road.exit_m - s_m
+    return 0, math.inf
+
+
+def lanes_aside(lane: int, end_m: float, road: Road | RoadNumbers) -> int:
+    """Return the number of lanes, left positive, from a lane that ends to one that goes on."""
+    before_m = np.nextafter(end_m, -math.inf)
+    for distance in range(len(road.open_lanes)):
+        for lanes in (-distance, distance):
+            other = lane + lanes
+            if is_open_at(other, before_m, road) and lane_end_m(other, before_m, road) > end_m:
+                return lanes
+    return 0
+
+
+def holds(y_m: float, width_m: float, s_m: float, road: Road | RoadNumbers) -> bool:
+    """Return whether a body of width ``width_m`` with its centre at ``y_m`` is on open lanes only.
+
+    ``s_m`` is the position of the body's front along the road; only partial lanes depend on it.
+    """
+    half_m = road.lane_width_m / 2
+    right = math.floor((y_m - width_m / 2 + half_m) / road.lane_width_m + ROUNDING)
+    left = math.ceil((y_m + width_m / 2 + half_m) / road.lane_width_m - ROUNDING) - 1
+    found = is_open_at(right, s_m, road)
+    for lane in range(right, left):
+        found = found and is_beside(lane, lane + 1, s_m, road)
+    return found

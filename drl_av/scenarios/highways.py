@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from drl_av.config import EgoConfig
 from drl_av.config.section import setting
 from drl_av.errors import ScenarioError
-from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.road import OPEN_LAP_M, PartialLane, Road, lane_end_m, mandatory_change
 from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart
 from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription, open_road_type
 from drl_av.scenarios.road_description import longest_m
@@ -93,8 +93,8 @@ def require_reachable(road: Road, start: OpenStart, ego: EgoConfig) -> None:
     lane, from_m = start.ego_lane, start.ego_front_m
     if lane is None:
         lane = max(start.lanes)
-    elif road.mandatory_change(lane, from_m).lanes > 0:
-        lane, from_m = lane + 1, road.lane_end_m(lane, from_m)
+    elif mandatory_change(lane, from_m, road)[0] > 0:
+        lane, from_m = lane + 1, lane_end_m(lane, from_m, road)
     changes, left_m = lane - road.exit_lane, road.exit_m - from_m
     needed_m = changes * ego.lane_change_duration_s * ego.max_speed_m_s
     if left_m < needed_m:

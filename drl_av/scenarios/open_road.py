@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from drl_av.config import TrafficConfig
 from drl_av.config.section import setting
 from drl_av.errors import ScenarioError
+from drl_av.road.road import is_open_at, is_partial, lane_end_m
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.layout import (
@@ -69,15 +70,14 @@ class OpenDescription(RoadDescription):
         plan = self.plan()
         road = plan.road
         for number, vehicle in enumerate(self.vehicles):
-            if vehicle.position_m >= road.end_m or not road.is_open_at(
-                vehicle.lane, vehicle.position_m
-            ):
+            front_m = vehicle.position_m
+            if front_m >= road.end_m or not is_open_at(vehicle.lane, front_m, road):
                 raise ScenarioError(
                     f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at "
                     f"{vehicle.position_m:g} m, but must be on a lane that exists there."
                 )
-            rear_m = vehicle.position_m - self.vehicle_length_m
-            if rear_m < 0 or not road.is_open_at(vehicle.lane, rear_m):
+            rear_m = front_m - self.vehicle_length_m
+            if rear_m < 0 or not is_open_at(vehicle.lane, rear_m, road):
                 raise ScenarioError(
                     f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at "
                     f"{vehicle.position_m:g} m, but its rear, {self.vehicle_length_m:g} m behind, "
@@ -177,7 +177,7 @@ def _connections(plan: OpenPlan) -> set[Connection]:
         for other in plan.edges
         if one.end_m == other.begin_m
         for lane in one.lanes
-        if lane in other.lanes and plan.road.lane_end_m(lane, one.begin_m) > one.end_m
+        if lane in other.lanes and lane_end_m(lane, one.begin_m, plan.road) > one.end_m
     }
 
 
@@ -220,7 +220,7 @@ def _place(root: ET.Element, description: OpenDescription, plan: OpenPlan) -> No
             for edge in reversed(plan.edges)
             if edge.begin_m <= vehicle.position_m and vehicle.lane in edge.lanes
         )
-        is_way = vehicle.id == EGO_ID or plan.road.is_partial(vehicle.lane)
+        is_way = vehicle.id == EGO_ID or is_partial(vehicle.lane, plan.road)
         name = route_on(plan.routes, edge.id, is_way)
         vehicle_element(
             root,

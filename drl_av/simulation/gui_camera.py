@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.road.road import FloatArray
+from drl_av.road.road import FloatArray, is_partial
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.layout import Layout
 
@@ -80,7 +80,7 @@ class GuiCamera:
 def _center_line(sumo: Any, layout: Layout) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return positions along the road, with x and y of a lane that extends along all of it."""
     lanes = range(len(layout.road.open_lanes))
-    whole = next(lane for lane in lanes if not layout.road.is_partial(lane))
+    whole = next(lane for lane in lanes if not is_partial(lane, layout.road))
     at_m, points = [], []
     for name, (lane, start_m) in layout.lane_positions.items():
         if lane == whole:

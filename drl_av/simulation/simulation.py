@@ -10,7 +10,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.errors import SimulationError
-from drl_av.road.road import FloatArray
+from drl_av.road.road import FloatArray, holds
 from drl_av.road.snapshot import (
     EGO,
     EGO_ID,
@@ -324,8 +324,8 @@ class Simulation:
         """Return whether the ego stays on open lanes if it executes the command."""
         width_m = float(self.fleet.width_m[EGO])
         if not self.road.partial_lanes:
-            return self.road.holds(command.y_m, width_m)
-        return self.road.holds(command.y_m, width_m, self._front_m(command))
+            return holds(command.y_m, width_m, 0.0, self.road)
+        return holds(command.y_m, width_m, self._front_m(command), self.road)
 
     def _misses_exit(self, command: Command) -> bool:
         """Return whether the ego passes its exit in the next step in another lane.

@@ -9,7 +9,7 @@ import numpy as np
 
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, TrafficConfig
-from drl_av.road.road import CENTERED_M, FloatArray
+from drl_av.road.road import CENTERED_M, FloatArray, is_partial
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.layout import Layout, route_on
@@ -118,7 +118,7 @@ def spawn(
     """
     name, speed = population.ids[row], float(population.speed_m_s[row])
     lane_id, position_m = _lane_and_position(layout, population.lane[row], population.front_m[row])
-    is_way = name == EGO_ID or layout.road.is_partial(int(population.lane[row]))
+    is_way = name == EGO_ID or is_partial(int(population.lane[row]), layout.road)
     route = route_on(layout.routes, lane_id.rpartition("_")[0], is_way)
     vehicle.add(name, route, type_id, "now", departSpeed="0")
     if population.is_truck[row]:

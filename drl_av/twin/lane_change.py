@@ -3,7 +3,7 @@
 import math
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.road.compiled_road import RoadNumbers, is_beside, mandatory_change
+from drl_av.road.road import RoadNumbers, is_beside, mandatory_change
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S
 from drl_av.twin.lane_choice import ask_for_room, keep_lateral_gap, limit_move, wish

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.road.compiled_road import RoadNumbers
+from drl_av.road.road import RoadNumbers
 from drl_av.simulation.speed_requests import (
     LEFT_TO_SUMO,
     LOOK_AHEAD_M,

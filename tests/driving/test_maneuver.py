@@ -23,6 +23,7 @@ from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.maneuver import next_lane_change, plan
 from drl_av.driving.scene import LaneChange
+from drl_av.road.road import holds, is_open
 
 EGO, SIMULATION = EgoConfig(), SimulationConfig()
 KEEP, TO_RIGHT, TO_LEFT = Lateral.KEEP, Lateral.RIGHT, Lateral.LEFT
@@ -160,7 +161,7 @@ class AnyLateralActions(RuleBasedStateMachine):
     @rule(lateral=st.sampled_from(Lateral), how=st.sampled_from(Longitudinal))
     def decide(self, lateral: Lateral, how: Longitudinal) -> None:
         heading = next_lane_change(self.world.lane_change, self.world.affordances.lane, lateral)
-        if heading is not None and not ROAD.is_open(heading.target):
+        if heading is not None and not is_open(heading.target, ROAD):
             lateral = KEEP
         done = plan(self.world, Action(lateral, how), EGO, SIMULATION)
         y_m, speed = float(self.world.snapshot.y_m[0]), float(self.world.snapshot.speed_m_s[0])
@@ -168,7 +169,7 @@ class AnyLateralActions(RuleBasedStateMachine):
             assert abs(command.y_m - y_m) <= 0.76 * 0.5 + 1e-9
             assert abs(command.speed_m_s - speed) <= 4.0 * 0.5 + 1e-9
             assert 0 <= command.speed_m_s <= 30
-            assert ROAD.holds(command.y_m, 1.8)
+            assert holds(command.y_m, 1.8, 0.0, ROAD)
             y_m, speed = command.y_m, command.speed_m_s
         self.world = after(done)
 

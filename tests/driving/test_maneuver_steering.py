@@ -13,6 +13,7 @@ from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.maneuver import next_lane_change, plan
 from drl_av.driving.scene import LaneChange
+from drl_av.road.road import holds, is_open
 
 STEERED, KINEMATIC = EgoConfig(lateral_plant="steering"), EgoConfig()
 KEEP, TO_RIGHT, TO_LEFT = Lateral.KEEP, Lateral.RIGHT, Lateral.LEFT
@@ -89,12 +90,12 @@ def test_whatever_is_decided_the_ego_stays_on_the_road(
     world, simulation = scene(speed_m_s=speed), SimulationConfig(step_length_s=step_s)
     for lateral, how in decisions:
         change = next_lane_change(world.lane_change, world.affordances.lane, lateral)
-        if change is not None and not ROAD.is_open(change.target):
+        if change is not None and not is_open(change.target, ROAD):
             lateral, change = KEEP, world.lane_change
         done = plan(world, Action(lateral, how), STEERED, simulation)
         ways = [float(world.snapshot.y_m[0]), *(command.y_m for command in done.commands)]
         for (before, y_m), command in zip(itertools.pairwise(ways), done.commands, strict=True):
-            assert ROAD.holds(y_m, 1.8)
+            assert holds(y_m, 1.8, 0.0, ROAD)
             # the cubic's steepest slope is 1.5 * 3.8 / 10.677, 28 degrees; settling adds 0.019 m
             assert abs(y_m - before) <= command.speed_m_s * step_s * 0.554 + 0.0191
         end, running = done.commands[-1], done.lane_change

@@ -11,6 +11,7 @@ from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.road.road import holds
 from drl_av.scenarios.folder import PlacedVehicle
 
 KEEP, ACCELERATE, RIGHT, LEFT = 0, 1, 4, 8
@@ -44,7 +45,7 @@ def test_a_random_driver_under_the_check_stays_on_the_road(scenario: str) -> Non
         for decision in rollout(env, RandomDriver(), seed, 10):
             if decision.next_scene.lane_change is not None:
                 drifts.append(decision.next_scene.lane_change)
-            assert env.road.holds(decision.next_scene.affordances.ego_y_m, 1.8)
+            assert holds(decision.next_scene.affordances.ego_y_m, 1.8, 0.0, env.road)
             assert decision.collision is None or not decision.collision.kind.ego_hit
     env.close()
     assert len(drifts) > 20

@@ -3,7 +3,16 @@
 import math
 
 from drl_av.driving.affordances import SLOTS, Affordances, Neighbor
-from drl_av.road.road import NO_CHANGE, Barrier, Road
+from drl_av.road.road import (
+    NO_CHANGE,
+    Barrier,
+    MandatoryChange,
+    Road,
+    is_beside,
+    is_open,
+    lane_end_m,
+    mandatory_change,
+)
 from drl_av.road.snapshot import EGO, Snapshot
 
 
@@ -41,13 +50,13 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         if gap_m < gaps_m[left] and -reach_m < across_m - left_m < reach_m:
             gaps_m[left], rows[left] = gap_m, row
     partial, front_m = road.partial_lanes, ego_s_m + ego_length_m / 2
-    beside = {-1: road.is_open(lane - 1), 1: road.is_open(lane + 1)}
+    beside = {-1: is_open(lane - 1, road), 1: is_open(lane + 1, road)}
     if partial:
         for side in beside:  # the front must not have passed the end of the lane
             both_m = (ego_s_m, front_m)
-            beside[side] = all(road.is_beside(lane, lane + side, at_m) for at_m in both_m)
+            beside[side] = all(is_beside(lane, lane + side, at_m, road) for at_m in both_m)
         for slot, sign in ((0, 0), (2, -1), (4, 1)):
-            gap_m = road.lane_end_m(lane + sign, ego_s_m) - front_m
+            gap_m = lane_end_m(lane + sign, ego_s_m, road) - front_m
             if gap_m < gaps_m[slot] and (sign == 0 or beside[sign]):
                 gaps_m[slot], rows[slot] = gap_m, len(y_m)
                 y_m.append(road.center_m(lane + sign))
@@ -84,7 +93,7 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
         ego_lateral_speed_m_s=ego_lateral,
         circumference_m=road.lap_m if road.is_loop else 0.0,
         barriers=_ahead(road, front_m) if partial else (),
-        mandatory=road.mandatory_change(lane, front_m) if partial else NO_CHANGE,
+        mandatory=MandatoryChange(*mandatory_change(lane, front_m, road)) if partial else NO_CHANGE,
     )
 
 

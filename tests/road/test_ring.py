@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from worlds import BARRICADED_ROAD, ROAD
 
-from drl_av.road.road import Road
+from drl_av.road.road import Road, holds, is_open
 
 
 def way(s_from_m: float, s_to_m: float, road: Road = ROAD) -> float:
@@ -69,8 +69,8 @@ def test_centre_of_a_lane_is_in_that_lane(lane: int) -> None:
 
 
 def test_barricaded_lane_and_lanes_beyond_the_road_are_no_lanes() -> None:
-    assert [ROAD.is_open(lane) for lane in range(-1, 4)] == [False, True, True, True, False]
-    assert [BARRICADED_ROAD.is_open(lane) for lane in range(-1, 4)] == [
+    assert [is_open(lane, ROAD) for lane in range(-1, 4)] == [False, True, True, True, False]
+    assert [is_open(lane, BARRICADED_ROAD) for lane in range(-1, 4)] == [
         False,
         False,  # and not lane 2: index -1 must not wrap round
         True,
@@ -80,7 +80,7 @@ def test_barricaded_lane_and_lanes_beyond_the_road_are_no_lanes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("road", "y_m", "holds"),
+    ("road", "y_m", "held"),
     [
         (ROAD, 0.0, True),
         (ROAD, 1.9, True),  # between two open lanes
@@ -94,8 +94,8 @@ def test_barricaded_lane_and_lanes_beyond_the_road_are_no_lanes() -> None:
         (BARRICADED_ROAD, 0.0, False),
     ],
 )
-def test_body_of_1_8_m_is_held_by_open_lanes_only(road: Road, y_m: float, holds: bool) -> None:
-    assert road.holds(y_m, 1.8) is holds
+def test_body_of_1_8_m_is_held_by_open_lanes_only(road: Road, y_m: float, held: bool) -> None:
+    assert holds(y_m, 1.8, 0.0, road) is held
 
 
 @given(st.floats(-6, 14), st.floats(0.5, 3))
@@ -104,11 +104,11 @@ def test_body_is_held_where_both_its_sides_and_all_between_are(y_m: float, width
     assume(np.abs((sides - 1.9) % 3.8).min() > 1e-6)
     assume(np.abs((sides + 1.9) % 3.8 - 3.8).min() > 1e-6)
     for road in (ROAD, BARRICADED_ROAD):
-        everywhere = all(road.is_open(road.lane_of(side)) for side in sides.tolist())
-        assert road.holds(y_m, width_m) is everywhere
+        everywhere = all(is_open(road.lane_of(side), road) for side in sides.tolist())
+        assert holds(y_m, width_m, 0.0, road) is everywhere
 
 
 def test_a_body_as_wide_as_its_lane_is_held_by_each_open_lane() -> None:
     road = Road(500.0, 3.8, (True, True, True))
-    assert all(road.holds(road.center_m(lane), 3.8) for lane in range(3))
-    assert not road.holds(7.61, 3.8)
+    assert all(holds(road.center_m(lane), 3.8, 0.0, road) for lane in range(3))
+    assert not holds(7.61, 3.8, 0.0, road)

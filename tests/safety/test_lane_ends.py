@@ -14,7 +14,7 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.road import Road
+from drl_av.road.road import Road, holds
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, WholeCheck
 from drl_av.safety.paper import Paper
@@ -151,7 +151,7 @@ def test_no_actions_take_the_ego_off_a_road_whose_lanes_end(
         commands, change = plan(now, action, CONFIG.ego, CONFIG.simulation)
         for command in commands:
             s_m += command.speed_m_s * CONFIG.simulation.step_length_s
-            assert road.holds(command.y_m, 1.8, s_m + 2.5)
+            assert holds(command.y_m, 1.8, s_m + 2.5, road)
         speed, y_m, v_y = commands[-1]
 
 

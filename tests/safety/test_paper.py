@@ -28,6 +28,7 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Neighbor
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
+from drl_av.road.road import is_open
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict, permit_all
 from drl_av.safety.paper import closing_speed, gap_condition, paper, safe_action, time_to_collision
@@ -354,7 +355,7 @@ def lane_is_open_and_clear(world: Scene, lane: int) -> bool:
                 nearest[candidate, end] = (between_m, gap_m - 3 * closing_m_s)
     needed = [(own_lane, "front"), (lane, "front"), (lane, "rear")]
     road = BARRICADED_ROAD if not world.affordances.has_lane(-1) and own_lane == 1 else ROAD
-    return road.is_open(lane) and all(nearest[key][1] > 15.0 for key in needed if key in nearest)
+    return is_open(lane, road) and all(nearest[key][1] > 15.0 for key in needed if key in nearest)
 
 
 @given(scenes(), PROPOSALS)

@@ -37,7 +37,7 @@ from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, ego_n
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.road.road import Road
+from drl_av.road.road import Road, is_open
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import lateral_extent, reach, stays_behind
@@ -433,4 +433,4 @@ def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahea
         assert lanes == fallback_lanes(*after.lanes, after.affordances.lane)
         assert back.longitudinal == HARD_BRAKE
     changed = next_lane_change(before.lane_change, before.affordances.lane, executed.lateral)
-    assert changed is None or ROAD.is_open(changed.target)
+    assert changed is None or is_open(changed.target, ROAD)

@@ -14,7 +14,15 @@ from runs import files_of, refused_scenario
 from worlds import scene
 
 from drl_av.cli import main
-from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
+from drl_av.road.road import (
+    OPEN_LAP_M,
+    PartialLane,
+    Road,
+    holds,
+    is_beside,
+    is_open_at,
+    mandatory_change,
+)
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.layout import along as along_line
@@ -92,9 +100,9 @@ def test_the_way_leads_beside_the_lane_to_come_and_then_into_it(
     beside: bool,
     road: Road,
 ) -> None:
-    assert road.mandatory_change(lane, s_m) == (change[0], pytest.approx(change[1]))
-    assert road.is_open_at(0, s_m) is there
-    assert road.is_beside(1, 0, s_m) is beside
+    assert mandatory_change(lane, s_m, road) == (change[0], pytest.approx(change[1]))
+    assert is_open_at(0, s_m, road) is there
+    assert is_beside(1, 0, s_m, road) is beside
 
 
 @pytest.mark.parametrize(
@@ -112,7 +120,7 @@ def test_the_ego_sees_no_lane_to_its_right_before_it_begins_and_after_it_has_par
 
 def test_a_body_is_not_held_by_the_lane_before_it_begins(road: Road) -> None:
     # 0.9 m to each side of 2 m: 0.65 m over the line between the lanes at 1.75 m
-    assert [road.holds(2.0, 1.8, s_m) for s_m in (1003.9, 1004.1, 1280.6, 1280.7)] == [
+    assert [holds(2.0, 1.8, s_m, road) for s_m in (1003.9, 1004.1, 1280.6, 1280.7)] == [
         *(False, True, True, False)
     ]
 
@@ -147,8 +155,8 @@ def test_a_route_straight_on_passes_the_lane_of_the_exit(net: Path) -> None:
     end_m = pytest.approx(1004.0 + 273.06 + 3.61)  # straight through the junction
     assert road.partial_lanes == (PartialLane(0, BEGINS_M, end_m, BEGINS_M, end_m),)
     assert (road.exit_m, description.to_edge) == (math.inf, "e2")
-    assert road.mandatory_change(1, 900.0) == (0, math.inf)
-    assert road.mandatory_change(0, 1100.0) == (1, pytest.approx(180.67))
+    assert mandatory_change(1, 900.0, road) == (0, math.inf)
+    assert mandatory_change(0, 1100.0, road) == (1, pytest.approx(180.67))
     assert not any("off" in route for route in description.plan().routes.values())
 
 
@@ -170,7 +178,7 @@ def test_an_exit_may_have_two_lanes_of_which_the_ego_takes_the_nearer_one(tmp_pa
         PartialLane(1, begins_m, math.inf, begins_m, exit_m),
     )
     assert (road.exit_lane, plan.start.lanes) == (1, (2, 3, 4))
-    assert [road.mandatory_change(lane, 1100.0).lanes for lane in range(5)] == [0, 0, -1, -2, -3]
+    assert [mandatory_change(lane, 1100.0, road)[0] for lane in range(5)] == [0, 0, -1, -2, -3]
     write_scenario(tmp_path / "road", description)
     assert load_scenario(tmp_path / "road").road == road
 

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 from worlds import EXIT, LEAVE, MERGE, NARROWING, ROAD
 
-from drl_av.road.road import Barrier, Road
+from drl_av.road.road import (
+    Barrier,
+    Road,
+    holds,
+    is_beside,
+    is_open_at,
+    lane_end_m,
+    mandatory_change,
+)
 
 
 def test_distances_on_an_open_road_go_along_it_and_never_round() -> None:
@@ -35,11 +43,11 @@ def test_distances_on_an_open_road_go_along_it_and_never_round() -> None:
 def test_lanes_exist_where_they_begin_and_not_where_they_have_ended(
     road: Road, s_m: float, lanes: list[int]
 ) -> None:
-    assert [lane for lane in range(-1, 6) if road.is_open_at(lane, s_m)] == lanes
+    assert [lane for lane in range(-1, 6) if is_open_at(lane, s_m, road)] == lanes
 
 
 @pytest.mark.parametrize(
-    ("road", "s_m", "is_beside"),
+    ("road", "s_m", "beside"),
     [
         (MERGE, 549.0, False),  # the ramp lies beside the road, divided from it
         (MERGE, 550.0, True),
@@ -50,29 +58,29 @@ def test_lanes_exist_where_they_begin_and_not_where_they_have_ended(
     ],
 )
 def test_a_ramp_is_entered_only_where_the_lanes_are_joined(
-    road: Road, s_m: float, is_beside: bool
+    road: Road, s_m: float, beside: bool
 ) -> None:
-    assert road.is_beside(1, 0, s_m) is is_beside
-    assert road.is_beside(1, 2, s_m)  # the other lanes are joined everywhere
+    assert is_beside(1, 0, s_m, road) is beside
+    assert is_beside(1, 2, s_m, road)  # the other lanes are joined everywhere
 
 
 def test_a_lane_that_has_ended_is_beside_no_lane() -> None:
-    assert not MERGE.is_beside(0, 1, 500.0)  # the divider counts from both sides
-    assert MERGE.is_beside(0, 1, 600.0)
+    assert not is_beside(0, 1, 500.0, MERGE)  # the divider counts from both sides
+    assert is_beside(0, 1, 600.0, MERGE)
 
 
 def test_a_lane_on_the_left_is_entered_from_its_right_while_it_is_there() -> None:
-    assert NARROWING.is_beside(3, 4, 899.0)
-    assert NARROWING.is_beside(4, 3, 899.0)
-    assert not NARROWING.is_beside(3, 4, 950.0)
-    assert NARROWING.is_beside(0, 1, 700.0)  # both end at 800 m
-    assert not NARROWING.is_beside(2, 1, 850.0)
+    assert is_beside(3, 4, 899.0, NARROWING)
+    assert is_beside(4, 3, 899.0, NARROWING)
+    assert not is_beside(3, 4, 950.0, NARROWING)
+    assert is_beside(0, 1, 700.0, NARROWING)  # both end at 800 m
+    assert not is_beside(2, 1, 850.0, NARROWING)
 
 
 def test_lane_ends_where_it_says_and_a_lane_of_the_whole_road_never() -> None:
-    assert MERGE.lane_end_m(0, 450.0) == 800.0
-    assert MERGE.lane_end_m(1, 450.0) == math.inf
-    assert EXIT.lane_end_m(0, 950.0) == math.inf
+    assert lane_end_m(0, 450.0, MERGE) == 800.0
+    assert lane_end_m(1, 450.0, MERGE) == math.inf
+    assert lane_end_m(0, 950.0, EXIT) == math.inf
 
 
 def test_the_end_of_a_lane_is_as_wide_as_the_lane_and_the_gore_is_a_line() -> None:
@@ -89,7 +97,7 @@ def test_lanes_of_both_sides_end_at_barriers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("road", "s_m", "y_m", "holds"),
+    ("road", "s_m", "y_m", "held"),
     [
         (MERGE, 500.0, 0.0, True),
         (MERGE, 500.0, 1.0, True),  # body at 1.9 m, up to the divider
@@ -107,9 +115,9 @@ def test_lanes_of_both_sides_end_at_barriers() -> None:
     ],
 )
 def test_a_body_is_held_by_lanes_that_exist_and_are_joined_there(
-    road: Road, s_m: float, y_m: float, holds: bool
+    road: Road, s_m: float, y_m: float, held: bool
 ) -> None:
-    assert road.holds(y_m, 1.8, s_m) is holds
+    assert holds(y_m, 1.8, s_m, road) is held
 
 
 @pytest.mark.parametrize(
@@ -132,12 +140,12 @@ def test_a_body_is_held_by_lanes_that_exist_and_are_joined_there(
 def test_the_way_demands_lane_changes_before_a_lane_ends_and_before_the_exit(
     road: Road, lane: int, s_m: float, lanes: int, within_m: float
 ) -> None:
-    assert road.mandatory_change(lane, s_m) == (lanes, within_m)
+    assert mandatory_change(lane, s_m, road) == (lanes, within_m)
 
 
 def test_the_way_from_ramp_to_ramp_demands_a_change_to_the_left_and_back() -> None:
     ramp, off_ramp = MERGE.partial_lanes[0], EXIT.partial_lanes[0]
     road = replace(MERGE, partial_lanes=(ramp, off_ramp), exit_m=1150.0)
-    assert road.mandatory_change(0, 500.0) == (1, 300.0)
-    assert road.mandatory_change(2, 500.0) == (-2, 650.0)
-    assert road.mandatory_change(0, 1000.0) == (0, math.inf)
+    assert mandatory_change(0, 500.0, road) == (1, 300.0)
+    assert mandatory_change(2, 500.0, road) == (-2, 650.0)
+    assert mandatory_change(0, 1000.0, road) == (0, math.inf)

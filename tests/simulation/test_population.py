@@ -13,7 +13,7 @@ from worlds import BARRICADED_ROAD, LANE_M, LENGTH_M, LONG_ROAD, ROAD
 
 from drl_av.config import Config, EgoConfig, TrafficConfig
 from drl_av.errors import ConfigError, ScenarioError
-from drl_av.road.road import Road
+from drl_av.road.road import Road, is_open
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
 from drl_av.simulation.population import (
@@ -60,7 +60,7 @@ def test_everyone_is_on_an_open_lane_with_the_start_gap_around_it(
     population = draw(vehicles, seed, road)
     n = vehicles + 1
     assert population.ids == ("ego", *(f"vehicle{i}" for i in range(1, n)))
-    assert all(road.is_open(lane) for lane in population.lane.tolist())
+    assert all(is_open(lane, road) for lane in population.lane.tolist())
     assert ((population.front_m >= 0) & (population.front_m <= road.lap_m)).all()
     for a, b in itertools.combinations(range(n), 2):
         if population.lane[a] == population.lane[b]:

@@ -12,7 +12,7 @@ import pytest
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
-from drl_av.road.road import Road
+from drl_av.road.road import Road, holds
 from drl_av.road.snapshot import Collision, CollisionKind
 from drl_av.safety import named_check
 from drl_av.safety.check import SafetyCheck
@@ -52,7 +52,7 @@ def test_each_start_is_on_its_lanes_and_keeps_the_invariant(name: str) -> None:
     for row in range(300):
         scene = world.scene(row)
         assert strict.fallback_is_free(scene)
-        assert world.road.holds(world.y_m[row, 0], 1.8, world.x_m[row, 0] + 2.5)
+        assert holds(world.y_m[row, 0], 1.8, world.x_m[row, 0] + 2.5, world.road)
 
 
 def test_the_ego_has_to_do_with_the_end_of_a_lane_in_each_family() -> None:

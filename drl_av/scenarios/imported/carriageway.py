@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from drl_av.errors import ScenarioError, pluralize
@@ -75,7 +74,7 @@ class Carriageway(NamedTuple):
         """
         parting = (max(self.exit_lanes, default=None), math.inf)
         return tuple(
-            replace(part, joined_to_m=self.exit_m) if (part.lane, part.end_m) == parting else part
+            part._replace(joined_to_m=self.exit_m) if (part.lane, part.end_m) == parting else part
             for part in partial_lanes(self.sections)
         )
 
