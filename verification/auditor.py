@@ -5,7 +5,7 @@ two vehicles are side by side only in the middle of a step, for example while on
 """
 
 import math
-from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +14,9 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.road.road import ARRIVED_M, FloatArray, Road
 from drl_av.road.snapshot import EGO, Snapshot
+from drl_av.road.sweep import NO_CONTACT, contact, moved
 from drl_av.safety.reachability import STILL_M_S, cut_in_gap, lanes_under, stopping_distance
 
-ARRAYS = Snapshot._fields[2:8]
-"""The names of a snapshot's arrays."""
 BoolArray = npt.NDArray[np.bool_]
 TOLERANCE = 1e-6
 BRAKED = "braked too hard"
@@ -46,16 +45,25 @@ class Breach(NamedTuple):
     """One of the circumstances above, such as ``SOONER``, or empty."""
 
 
-def selected(shot: Snapshot, rows: Sequence[int]) -> Snapshot:
-    """Return a snapshot with those vehicles only that have the indices ``rows``."""
-    columns = {name: getattr(shot, name)[rows] for name in ARRAYS}
-    return shot._replace(ids=tuple(shot.ids[row] for row in rows), **columns)
-
-
 def in_both(*shots: Snapshot) -> list[Snapshot]:
     """Return two snapshots with those vehicles only that are in both, in the same order."""
     common = [name for name in shots[0].ids if name in set(shots[1].ids)]
-    return [selected(shot, [shot.ids.index(name) for name in common]) for shot in shots]
+    return [shot.of_rows([shot.ids.index(name) for name in common]) for shot in shots]
+
+
+def touching(before: Snapshot, after: Snapshot, road: Road) -> list[tuple[str, str]]:
+    """Return each pair of vehicles, by id, that touch each other in a SUMO step."""
+    columns = before.s_m, before.y_m, after.s_m, after.y_m, after.length_m, after.width_m
+    rows = zip(after.ids, *(column.tolist() for column in columns), strict=True)
+    bodies = [
+        (name, moved(s_m, y_m, to_s_m, to_y_m, road.lap_m), length_m, width_m)
+        for name, s_m, y_m, to_s_m, to_y_m, length_m, width_m in rows
+    ]
+    return [
+        (one, other)
+        for (one, its, a_m, b_m), (other, others, c_m, d_m) in combinations(bodies, 2)
+        if contact(its, others, (a_m + c_m) / 2, (b_m + d_m) / 2, road.lap_m)[1] != NO_CONTACT
+    ]
 
 
 class Auditor:

@@ -23,8 +23,8 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
 from drl_av.road.road import CENTERED_M
 from drl_av.road.snapshot import EGO_ID, Snapshot
-from drl_av.road.sweep import displacements, rectangles_of
 from drl_av.simulation.population import DriverModel
+from verification.auditor import touching
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 
@@ -55,8 +55,7 @@ class SweptTally(TrafficTally):
         """Add the collisions and overlaps of one SUMO step; ``shot`` is the snapshot after it."""
         super().after_step(shot)
         before = self._before or self._env.scene.snapshot
-        moves = displacements(before, shot, self._env.road)
-        found = set(rectangles_of(shot, self._env.road).collisions(moves)) - self._pairs
+        found = set(touching(before, shot, self._env.road)) - self._pairs
         for pair in sorted(found):
             if EGO_ID not in pair:
                 met = f"{self._episode}, {shot.time_s:g} s, {pair[0]} and {pair[1]}"

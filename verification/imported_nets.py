@@ -35,11 +35,10 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import EGO, EGO_ID, Snapshot
-from drl_av.road.sweep import displacements, rectangles_of
 from drl_av.simulation.simulation import Simulation
 from drl_av.sumo_programs import sumo_module
 from studies.results import markdown_table
-from verification.auditor import in_both, selected
+from verification.auditor import in_both, touching
 from verification.program import Program, run_program
 
 MOTORWAY, FROM_MAP, FAST_M_S = "highway.motorway", "highway.", 22.0
@@ -162,7 +161,7 @@ class Drive(NamedTuple):
 
 def near_the_ego(shot: Snapshot) -> Snapshot:
     """Return a snapshot with those vehicles only that could touch the ego within a step."""
-    return selected(shot, np.flatnonzero(np.abs(shot.s_m - shot.s_m[EGO]) < NEAR_M).tolist())
+    return shot.of_rows(np.flatnonzero(np.abs(shot.s_m - shot.s_m[EGO]) < NEAR_M).tolist())
 
 
 def drive(folder: Path, episodes: int) -> Drive:
@@ -178,8 +177,7 @@ def drive(folder: Path, episodes: int) -> Drive:
         def after_step(shot: Snapshot) -> None:
             shot = near_the_ego(shot)
             before, after = in_both(seen[-1] if seen else near_the_ego(env.scene.snapshot), shot)
-            moves = displacements(before, after, env.road)
-            touched.update(rectangles_of(after, env.road).collisions(moves))
+            touched.update(touching(before, after, env.road))
             assert isinstance(env.simulation, Simulation)
             reported = env.simulation._sumo.simulation.getCollisions()
             touched.update((one.collider, one.victim) for one in reported)

@@ -7,18 +7,15 @@ it.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import combinations
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.compiled import borrowing, compiled
 from drl_av.road.compiled_road import around
-from drl_av.road.road import FloatArray, Road
-from drl_av.road.snapshot import EGO, Collision, CollisionKind, Command, Snapshot
+from drl_av.road.road import FloatArray
+from drl_av.road.snapshot import EGO, CollisionKind, Command
 
 IntArray = npt.NDArray[np.int64]
 BACKWARD_M = 1.0
@@ -180,95 +177,26 @@ def rows_within_reach(
     return count
 
 
-@dataclass(frozen=True)
-class VehicleRectangles:
-    """The vehicles of an episode as rectangles; index 0 of each sequence is the ego."""
+def within_reach(
+    state: FloatArray, commands: Sequence[Command], step_s: float, bounds: FloatArray
+) -> list[int]:
+    """Return the rows of all vehicles that can touch the ego during its commands, ascending.
 
-    ids: Sequence[str]
-    length_m: Sequence[float]
-    width_m: Sequence[float]
-    road: Road
-    lateral_speed_m_s: float = LATERAL_SPEED_M_S
-    """Upper bound of the lateral speed of each vehicle."""
-
-    @cached_property
-    def _bounds(self) -> FloatArray:
-        """The largest length, width and lateral speed of a vehicle, and the length of a lap."""
-        largest_m = max(self.length_m), max(self.width_m)
-        return np.array((*largest_m, self.lateral_speed_m_s, self.road.lap_m), np.float64)
-
-    def within_reach(
-        self, state: FloatArray, commands: Sequence[Command], step_s: float
-    ) -> list[int]:
-        """Return the rows of all vehicles that can touch the ego during its commands, ascending.
-
-        A row is an index into each of the arrays of ``state``: s, y and the speed of each vehicle
-        before the first command. The method assumes that a vehicle can stop at once, accelerate
-        with ``ACCELERATION_M_S2``, and move sideways at ``lateral_speed_m_s``. Each command takes
-        one SUMO step of ``step_s`` seconds.
-        """
-        rolled_m, lowest_m = 0.0, float(state[1, EGO])
-        highest_m = lowest_m
-        for speed, to_m, _ in commands:
-            rolled_m += step_s * speed
-            if to_m < lowest_m:
-                lowest_m = to_m
-            elif to_m > highest_m:
-                highest_m = to_m
-        rows, way_m = np.empty(state.shape[1], np.int64), (rolled_m, lowest_m, highest_m)
-        times_s = float(step_s * len(commands)), float(step_s)
-        near = np.ascontiguousarray(state, np.float64)
-        count = rows_within_reach.fast(near, *way_m, *times_s, self._bounds, rows)
-        return rows[:count].tolist() if count else []
-
-    def ego_collision(self, moves: Mapping[int, Displacement]) -> Collision | None:
-        """Return the ego's first collision in a SUMO step with a vehicle in ``moves``, or None.
-
-        ``moves`` holds the motions of the ego and of some vehicles, by row index.
-        """
-        first, collision, ego = 1.0, None, moves[EGO]
-        for row, move in moves.items():
-            if row != EGO:
-                time, kind = self._contact(EGO, ego, row, move)
-                if kind != NO_CONTACT and time < first:
-                    first, collision = time, Collision(KINDS[kind], self.ids[row])
-        return collision
-
-    def collisions(self, moves: Mapping[int, Displacement]) -> list[tuple[str, str]]:
-        """Return each pair of vehicles that touch each other in a SUMO step, as a pair of ids.
-
-        ``moves`` holds the motion of each vehicle, the ego included, by its row index.
-        """
-        return [
-            (self.ids[one], self.ids[other])
-            for (one, its), (other, others) in combinations(moves.items(), 2)
-            if self._contact(one, its, other, others)[1] != NO_CONTACT
-        ]
-
-    def _contact(
-        self, one: int, its: Displacement, other: int, others: Displacement
-    ) -> tuple[float, int]:
-        """Return the first ``contact`` of the vehicles in rows ``one`` and ``other``."""
-        length_m = (self.length_m[one] + self.length_m[other]) / 2
-        width_m = (self.width_m[one] + self.width_m[other]) / 2
-        return contact(its, others, length_m, width_m, self.road.lap_m)
-
-
-def rectangles_of(snapshot: Snapshot, road: Road) -> VehicleRectangles:
-    """Return the vehicles of a snapshot as rectangles."""
-    return VehicleRectangles(
-        snapshot.ids, snapshot.length_m.tolist(), snapshot.width_m.tolist(), road
-    )
-
-
-def displacements(before: Snapshot, after: Snapshot, road: Road) -> dict[int, Displacement]:
-    """Return the motion of each vehicle between two snapshots of the same vehicles.
-
-    The key is the vehicle's row index in the snapshot arrays.
+    A row is an index into each of the arrays of ``state``: s, y and the speed of each vehicle
+    before the first command. The function assumes that a vehicle can stop at once, accelerate with
+    ``ACCELERATION_M_S2``, and move sideways at the speed in ``bounds`` (``rows_within_reach``).
+    Each command takes one SUMO step of ``step_s`` seconds.
     """
-    columns = (before.s_m, before.y_m, after.s_m, after.y_m)
-    ends = zip(*(column.tolist() for column in columns), strict=True)
-    return {
-        row: moved(from_s_m, from_y_m, to_s_m, to_y_m, road.lap_m)
-        for row, (from_s_m, from_y_m, to_s_m, to_y_m) in enumerate(ends)
-    }
+    rolled_m, lowest_m = 0.0, float(state[1, EGO])
+    highest_m = lowest_m
+    for speed, to_m, _ in commands:
+        rolled_m += step_s * speed
+        if to_m < lowest_m:
+            lowest_m = to_m
+        elif to_m > highest_m:
+            highest_m = to_m
+    rows, way_m = np.empty(state.shape[1], np.int64), (rolled_m, lowest_m, highest_m)
+    times_s = float(step_s * len(commands)), float(step_s)
+    near = np.ascontiguousarray(state, np.float64)
+    count = rows_within_reach.fast(near, *way_m, *times_s, bounds, rows)
+    return rows[:count].tolist() if count else []

@@ -21,7 +21,13 @@ from drl_av.road.snapshot import (
     Snapshot,
     TrafficCommands,
 )
-from drl_av.road.sweep import LATERAL_SPEED_M_S, Displacement, VehicleRectangles, moved
+from drl_av.road.sweep import (
+    KINDS,
+    LATERAL_SPEED_M_S,
+    NO_CONTACT,
+    swept_collision,
+    within_reach,
+)
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color, GuiCamera
@@ -132,13 +138,13 @@ class Simulation:
         fleet = self.fleet
         self._states.watch(fleet.ids, fleet.length_m)
         self._requests.watch(fleet.ids, fleet.length_m, fleet.width_m, kept)
-        sizes_m = fleet.length_m.tolist(), fleet.width_m.tolist()
-        self._bodies = VehicleRectangles(fleet.ids, *sizes_m, self.road, self._fastest_aside_m_s)
+        largest_m = fleet.length_m.max(), fleet.width_m.max()
+        self._bounds = np.array((*largest_m, self._fastest_aside_m_s, self.road.lap_m))
 
     def _read(self) -> None:
         """Read the state of all vehicles from SUMO."""
         self._state = self._states.state()
-        self._moved: dict[int, tuple[float, float]] = {}
+        self._places: FloatArray | None = None
         if self._ego_lateral_speed_m_s is not None:
             self._state[3, EGO] = self._ego_lateral_speed_m_s
 
@@ -174,7 +180,7 @@ class Simulation:
                 self._requests.begin(self._state, traffic_commands)
             near: Sequence[int] = range(EGO + 1, len(ids))
             if self._ego_lateral_speed_m_s is not None:
-                near = self._bodies.within_reach(self._state, commands, timing.step_length_s)
+                near = within_reach(self._state, commands, timing.step_length_s, self._bounds)
             for command in commands:
                 if asks:
                     self._requests()
@@ -237,7 +243,6 @@ class Simulation:
         self.requests = {row: asked[was] for row, was in enumerate(kept.tolist()) if was in asked}
         entered = self._states.state(len(kept))
         self._state = np.ascontiguousarray(np.hstack((self._state[:, kept], entered)))
-        self._moved = {}
 
     def _put_on_the_road(self, seed: int) -> None:
         """Place the vehicles in the running SUMO, which is three times faster, or start SUMO."""
@@ -284,24 +289,19 @@ class Simulation:
         self._steps += 1
         if self._gui:
             self._window.follow()
-        collision = self._bodies.ego_collision(self._moves((EGO, *near))) if near else None
+        collision = self._collision([EGO, *near]) if near else None
         if self.after_step is not None:
             self._read()
             self.after_step(self._snapshot())
         return collision
 
-    def _moves(self, rows: Sequence[int]) -> dict[int, Displacement]:
-        """Return each vehicle's motion since its position was last read, by row."""
-        moves = {}
-        for row in rows:
-            s_m, y_m = self._states.position(row)
-            before = self._moved.get(row) or (
-                float(self._state[0, row]),
-                float(self._state[1, row]),
-            )
-            moves[row] = moved(*before, s_m, y_m, self.road.lap_m)
-            self._moved[row] = s_m, y_m
-        return moves
+    def _collision(self, rows: list[int]) -> Collision | None:
+        """Return the ego's collision with one of ``rows`` in the last SUMO step, or None."""
+        before = self._state[:2].take(rows, axis=1) if self._places is None else self._places
+        self._places = now = np.array([*zip(*map(self._states.position, rows), strict=True)])
+        sizes_m = self.fleet.length_m[rows], self.fleet.width_m[rows]
+        row, kind, _ = swept_collision.fast(*before, *now, *sizes_m, self.road.lap_m)
+        return None if kind == NO_CONTACT else Collision(KINDS[kind], self.fleet.ids[rows[row]])
 
     def _command(self, command: Command) -> bool:
         """Send the ego's next position and speed to SUMO; return False if it leaves the lanes."""

@@ -12,28 +12,32 @@ from worlds import CARS, CENTER, LEFT, LENGTH_M, RIGHT, ROAD, WIDTH_M, Car, ahea
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Collision, CollisionKind, Command, Snapshot
 from drl_av.road.sweep import (
+    KINDS,
+    LATERAL_SPEED_M_S,
     NO_CONTACT,
-    Displacement,
     contact,
-    displacements,
     moved,
-    rectangles_of,
+    swept_collision,
+    within_reach,
 )
+from verification.auditor import touching
 
 STEP_S = 0.5
 SMALL_ROAD = Road(100.0, 3.8, (True, True, True))
 
 
-def motions(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> dict[int, Displacement]:
-    """The motions of all vehicles in a step at the speeds of the snapshot."""
+def after(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> Snapshot:
+    """The snapshot after a step at the speeds of the snapshot."""
     s_m = (shot.s_m + shot.speed_m_s * step_s) % road.lap_m
-    after = shot._replace(s_m=s_m, y_m=shot.y_m + shot.lateral_speed_m_s * step_s)
-    return displacements(shot, after, road)
+    return shot._replace(s_m=s_m, y_m=shot.y_m + shot.lateral_speed_m_s * step_s)
 
 
 def collision(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> Collision | None:
     """The ego's collision in the step that begins at a snapshot."""
-    return rectangles_of(shot, road).ego_collision(motions(shot, road, step_s))
+    *before, _, _, length_m, width_m = shot.arrays
+    now = after(shot, road, step_s).arrays[:2]
+    row, kind, _ = swept_collision(*before, *now, length_m, width_m, road.lap_m)
+    return None if kind == NO_CONTACT else Collision(KINDS[kind], shot.ids[row])
 
 
 def kind(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> CollisionKind | None:
@@ -182,8 +186,7 @@ def test_the_one_touched_first_is_named_among_many() -> None:
 def test_traffic_that_collides_with_itself_is_no_collision_of_the_ego_and_is_found() -> None:
     shot = snapshot(ahead(40.0, speed_m_s=30.0), ahead(49.0, speed_m_s=0.0), behind(90.0))
     assert collision(shot) is None
-    pairs = rectangles_of(shot, ROAD).collisions(motions(shot))
-    assert pairs == [("vehicle1", "vehicle2")]
+    assert touching(shot, after(shot), ROAD) == [("vehicle1", "vehicle2")]
 
 
 def test_a_long_and_wide_vehicle_is_touched_sooner() -> None:
@@ -258,24 +261,21 @@ def test_a_vehicle_that_touches_the_ego_in_a_decision_was_within_its_reach(
     shot = snapshot(*cars, s_m=s_m, speed_m_s=speed, v_y=v_y)
     step_s = 1.0 / steps
     commands = [Command(speed, CENTER + v_y * step_s * (n + 1), v_y) for n in range(steps)]
-    moves, rows = motions(shot, step_s=1.0), within_reach(shot, commands, step_s)
-    ego = moves[0]
-    touched = {
-        row for row in moves if rectangles_of(shot, ROAD).ego_collision({0: ego, row: moves[row]})
-    }
-    assert touched <= set(rows)
+    others = range(1, len(shot.ids))
+    touched = {row for row in others if collision(shot.of_rows([0, row]), step_s=1.0)}
+    assert touched <= set(reached(shot, commands, step_s))
 
 
-def within_reach(shot: Snapshot, commands: list[Command], step_s: float) -> list[int]:
-    state = np.array((shot.s_m, shot.y_m, shot.speed_m_s))
-    return rectangles_of(shot, ROAD).within_reach(state, commands, step_s)
+def reached(shot: Snapshot, commands: list[Command], step_s: float) -> list[int]:
+    bounds = np.array((shot.length_m.max(), shot.width_m.max(), LATERAL_SPEED_M_S, ROAD.lap_m))
+    return within_reach(np.array(shot.arrays[:3]), commands, step_s, bounds)
 
 
 def test_a_vehicle_that_could_stop_at_once_or_accelerate_hard_is_within_reach() -> None:
     # a decision of two steps: the ego drives 20 m; 10 m/s^2 more are 7.5 m more
     def rows(*cars: Car, y_m: float = CENTER) -> list[int]:
         commands = [Command(20.0, CENTER, 0.0), Command(20.0, y_m, 0.0)]
-        return within_reach(snapshot(*cars), commands, STEP_S)
+        return reached(snapshot(*cars), commands, STEP_S)
 
     assert rows(ahead(19.9), ahead(20.1), behind(7.4), behind(7.6)) == [1, 3]
     assert rows(behind(17.4, speed_m_s=30.0), behind(17.6, speed_m_s=30.0)) == [1]
