@@ -16,7 +16,7 @@ from drl_av.drivers.registry import rule_driver
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart
-from drl_av.scenarios.open_road import BEYOND_M, OpenDescription, open_road_type
+from drl_av.scenarios.open_road import BEYOND_M, OpenDescription
 from drl_av.scenarios.road_types import ROAD_TYPES
 
 
@@ -27,6 +27,7 @@ class LaneDropDescription(OpenDescription):
     drop_m: where the right lane ends, metres (this example)
     """
 
+    meaning = "a highway whose right lane ends"
     drop_m: float = setting(800.0, low=600, high=9000)
 
     def plan(self) -> OpenPlan:
@@ -51,7 +52,7 @@ class LaneDropDescription(OpenDescription):
         )
 
 
-ROAD_TYPES["lane_drop"] = open_road_type("a highway whose right lane ends", LaneDropDescription)
+ROAD_TYPES["lane_drop"] = LaneDropDescription
 
 
 def main() -> None:

@@ -361,7 +361,7 @@ def roads_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         return env, recorded_actions(env, rule_driver("gap-mobil", config), seeds)
 
     for kind in ("straight", "merge", "exit", "ramp_to_ramp"):
-        write_scenario(home / kind, ROAD_TYPES[kind].description())
+        write_scenario(home / kind, ROAD_TYPES[kind]())
         with closing(HighwayEnv(home / kind)) as env:
             usual = env.simulation.fleet.default_vehicle_count
         assert usual is not None

@@ -74,7 +74,7 @@ def description(rng: random.Random) -> Any:
     Some descriptions place their vehicles exactly; others define their own vehicle types.
     """
     name = rng.choice(list(ROAD_TYPES))
-    kind = ROAD_TYPES[name].description
+    kind = ROAD_TYPES[name]
     items = [item for item in fields(kind) if item.metadata.get("low") is not None]
     given: dict[str, Any] = route() if name == "imported" else {}
     given |= {item.name: value(item, rng) for item in rng.sample(items, rng.randint(0, 4))}

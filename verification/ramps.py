@@ -230,7 +230,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as home:
         for kind, flow in product(options.kind, options.flow):
             folder = Path(home, f"{kind}_{flow:g}")
-            write_scenario(folder, replace(ROAD_TYPES[kind].description(), flow_per_h=flow))
+            write_scenario(folder, replace(ROAD_TYPES[kind](), flow_per_h=flow))
             for spec in specs:
                 config = driven_with(spec, folder)
                 [driver] = make_drivers([spec], config).values()

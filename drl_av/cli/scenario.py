@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_text(parser, "--kind", "KIND", f"default: loop; {kinds}")
     for name, users in _users().items():
         kind, item = next(iter(users.items()))
-        help_text = meanings(ROAD_TYPES[kind].description)[name].text
+        help_text = meanings(ROAD_TYPES[kind])[name].text
         if isinstance(item.default, int | float):
             help_text = f"{help_text} (default: {item.default:g})"
         if len(users) < len(ROAD_TYPES):
@@ -43,8 +43,8 @@ def _users() -> dict[str, dict[str, Field[Any]]]:
     """Return, for each setting, the scenario kinds that have it, each with its dataclass field."""
     users: dict[str, dict[str, Field[Any]]] = {}
     for kind, entry in ROAD_TYPES.items():
-        meant = meanings(entry.description)
-        for item in fields(entry.description):
+        meant = meanings(entry)
+        for item in fields(entry):
             if item.init and item.name in meant:
                 users.setdefault(item.name, {})[kind] = item
     return users
@@ -81,7 +81,7 @@ def scenario(options: argparse.Namespace) -> int:
             )
     lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
     given |= lists
-    described = replace(source, **given) if source else ROAD_TYPES[kind].description(**given)
+    described = replace(source, **given) if source else ROAD_TYPES[kind](**given)
     write_scenario(options.folder, described)
     command = shlex.join(["sumo-gui", "-c", str(options.folder / "highway.sumocfg")])
     print(f"{options.folder}: open it with {command}")

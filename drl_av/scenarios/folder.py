@@ -18,15 +18,15 @@ from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
 from drl_av.scenarios import folder_files
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, number_of
 from drl_av.scenarios.layout import Layout
+from drl_av.scenarios.loop import ScenarioDescription
 from drl_av.scenarios.netconvert import NETWORK_FILE, WRITE_AGAIN
 from drl_av.scenarios.open_road import OpenDescription
 from drl_av.scenarios.road_description import (
     PlacedVehicle,
     RoadDescription,
-    ScenarioDescription,
     require_ego,
 )
-from drl_av.scenarios.road_types import from_toml, road_type_of
+from drl_av.scenarios.road_types import from_toml
 from drl_av.scenarios.safe_xml import (
     ADDITIONAL,
     NETWORK,
@@ -65,7 +65,7 @@ class Scenario:
 
     folder: Path
     description: RoadDescription
-    """The settings of the scenario; their class is the ``description`` of its ``RoadType``."""
+    """The settings of the scenario; their class is its kind in ``ROAD_TYPES``."""
     layout: Layout
     additional_files: tuple[Path, ...]
     """The files that SUMO loads before any vehicle: vehicle types, and barricades if any."""
@@ -165,7 +165,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     read_xml(folder / folder_files.VIEW_FILE, VIEW, WRITE_AGAIN)
     network_file = folder / NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_AGAIN)
-    layout = road_type_of(description).read(network, description, str(network_file))
+    layout = description.read_layout(network, str(network_file))
     as_written = _require_unchanged(folder)
     if not as_written:
         _require_named(folder, {path.name for path in additional})

@@ -12,7 +12,7 @@ from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.loop import BARRICADES_FILE
 from drl_av.scenarios.netconvert import DEMO_END_S, NETWORK_FILE, xml_text
 from drl_av.scenarios.road_description import RoadDescription
-from drl_av.scenarios.road_types import road_type_of, stated_road_type
+from drl_av.scenarios.road_types import stated_road_type
 
 DESCRIPTION_FILE = "scenario.toml"
 VEHICLE_TYPES_FILE = "vehicle_types.add.xml"
@@ -46,17 +46,17 @@ def scenario_texts(description: RoadDescription) -> dict[str, str]:
         ScenarioError: netconvert refuses the description.
         SimulationError: netconvert cannot be run.
     """
-    kind = road_type_of(description)
-    network = kind.network_text(description)
+    stated = stated_road_type(description)
+    network = description.network_text()
     texts = {
-        DESCRIPTION_FILE: stated_road_type(description) + description.to_toml(),
+        DESCRIPTION_FILE: stated + description.to_toml(),
         NETWORK_FILE: network,
         VEHICLE_TYPES_FILE: xml_text(_vehicle_types(description)),
-        TRAFFIC_FILE: xml_text(_demo(kind.traffic(description), description)),
+        TRAFFIC_FILE: xml_text(_demo(description.traffic(), description)),
         CONFIG_FILE: xml_text(_configuration(description)),
         VIEW_FILE: xml_text(_view(ET.fromstring(network))),
     }
-    texts |= {name: xml_text(root) for name, root in kind.additional(description).items()}
+    texts |= {name: xml_text(root) for name, root in description.additional().items()}
     texts = {name: _commented(text, COMMENTS.get(name, "")) for name, text in texts.items()}
     return texts | {CHECKSUMS_FILE: checksums({n: t.encode() for n, t in texts.items()})}
 
@@ -120,7 +120,7 @@ def checksums(files: Mapping[str, bytes]) -> str:
 def additional_files(description: RoadDescription) -> tuple[str, ...]:
     """Return the names of the files that SUMO loads before its vehicles, vehicle types first."""
     own = (Path(path).name for path in description.additional_files)
-    return (VEHICLE_TYPES_FILE, *road_type_of(description).additional(description), *own)
+    return (VEHICLE_TYPES_FILE, *description.additional(), *own)
 
 
 def _vehicle_types(description: RoadDescription) -> ET.Element:

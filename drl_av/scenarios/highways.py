@@ -8,7 +8,7 @@ from drl_av.config.section import setting
 from drl_av.errors import ScenarioError
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road, lane_end_m, mandatory_change
 from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart
-from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription, open_road_type
+from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription
 from drl_av.scenarios.road_description import longest_m
 
 OFF_RAMP_ASIDE_M = 40.0
@@ -111,6 +111,8 @@ def require_reachable(road: Road, start: OpenStart, ego: EgoConfig) -> None:
 class ExitDescription(OffRamp):
     """A highway with an off-ramp; the ego starts in the leftmost lane."""
 
+    meaning = "a deceleration lane and its off-ramp, by which the ego leaves from the left lane"
+
     def plan(self) -> OpenPlan:
         """Return the road: highway before, beside and after the deceleration lane, and off-ramp."""
         off_ramp, through = self.off_ramp(START_M), range(1, self.lanes + 1)
@@ -123,12 +125,6 @@ class ExitDescription(OffRamp):
                 tuple(through), road.end_m + BEYOND_M, self.flow_per_h, self.lanes, START_M
             ),
         )
-
-
-EXIT = open_road_type(
-    "a deceleration lane and its off-ramp, by which the ego leaves from the left lane",
-    ExitDescription,
-)
 
 
 GORE_M = 500.0
@@ -181,6 +177,7 @@ class MergeDescription(OnRamp):
     after_m: distance from the end of the acceleration lane to the end of the road, metres (ours)
     """
 
+    meaning = "an on-ramp and its acceleration lane, from which the ego merges"
     after_m: float = setting(500.0, low=50, high=40_000)
 
     def plan(self) -> OpenPlan:
@@ -199,14 +196,11 @@ class MergeDescription(OnRamp):
         )
 
 
-MERGE = open_road_type(
-    "an on-ramp and its acceleration lane, from which the ego merges", MergeDescription
-)
-
-
 @dataclass(frozen=True)
 class RampToRampDescription(OnRamp, OffRamp):
     """A highway with an on-ramp and an off-ramp, which are both lane 0."""
+
+    meaning = "an on-ramp, a highway and an off-ramp, by which the ego leaves"
 
     def plan(self) -> OpenPlan:
         """Return the road, on which the acceleration lane ends before the deceleration lane."""
@@ -228,11 +222,6 @@ class RampToRampDescription(OnRamp, OffRamp):
         )
 
 
-RAMP_TO_RAMP = open_road_type(
-    "an on-ramp, a highway and an off-ramp, by which the ego leaves", RampToRampDescription
-)
-
-
 @dataclass(frozen=True)
 class StraightDescription(OpenDescription):
     """An open highway with inflow in each lane.
@@ -240,6 +229,7 @@ class StraightDescription(OpenDescription):
     length_m: distance from the ego's start to the end, metres (ours)
     """
 
+    meaning = "an open highway with inflow at its beginning"
     length_m: float = setting(2000.0, low=300, high=40_000)
 
     def plan(self) -> OpenPlan:
@@ -251,6 +241,3 @@ class StraightDescription(OpenDescription):
             road=Road(OPEN_LAP_M, self.lane_width_m, (True,) * self.lanes, end_m),
             start=OpenStart(tuple(lanes), end_m + BEYOND_M, self.flow_per_h, None, START_M),
         )
-
-
-STRAIGHT = open_road_type("an open highway with inflow at its beginning", StraightDescription)

@@ -1,17 +1,16 @@
-"""The interface of a road type: the plan of a road, its edges in SUMO, and their shapes."""
+"""The plan of a road, its edges in SUMO, and their shapes."""
 
 import math
 import xml.etree.ElementTree as ET
 from bisect import bisect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, pairwise, zip_longest
 from operator import itemgetter
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drl_av.errors import ScenarioError
 from drl_av.road.road import Road, SpeedLimit
-from drl_av.scenarios.road_description import RoadDescription
 
 Point = tuple[float, float]
 """The coordinates x and y of a place in sumo-gui, metres."""
@@ -117,26 +116,6 @@ def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> 
     """
     names = [name for name, edges in routes.items() if edge in edges]
     return names[-1 if is_way else 0]
-
-
-class RoadType(NamedTuple):
-    """A type of road: its description, and the functions that write and read its files.
-
-    Each function takes a description, but ``read`` takes (root element of the network file,
-    description, name of the file). It raises ScenarioError if the network differs from the
-    description.
-    """
-
-    meaning: str
-    description: type[RoadDescription]
-    """A frozen dataclass; the command line shows the metadata of its fields as help."""
-    network_text: Callable[[Any], str]
-    """Returns the text of the network file."""
-    read: Callable[[ET.Element, Any, str], Layout]
-    traffic: Callable[[Any], ET.Element]
-    """Returns the demo traffic, which is used when SUMO alone opens the scenario."""
-    additional: Callable[[Any], dict[str, ET.Element]] = lambda description: {}
-    """Returns more files that SUMO loads before its vehicles, by file name."""
 
 
 Connection = tuple[str, str, str, str]

@@ -2,13 +2,30 @@
 
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import dataclass
 
+from drl_av.config.section import setting
+from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import Road
-from drl_av.scenarios.layout import Connection, Layout, NetworkLane, RoadType, require_network
+from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
+from drl_av.scenarios.layout import Connection, Layout, NetworkLane, require_network
 from drl_av.scenarios.netconvert import DEMO_END_S, PRECISION, netconvert, vehicle_element
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription, longest_m
+from drl_av.scenarios.road_description import (
+    LANE_WIDTH_M,
+    LANES,
+    SPEED_LIMIT_M_S,
+    VEHICLE_LENGTH_M,
+    VEHICLE_WIDTH_M,
+    PlacedVehicle,
+    RoadDescription,
+    check_placed,
+    check_sizes,
+    longest_m,
+)
 
 BARRICADES_FILE = "barricades.add.xml"
+INNER_RADIUS_M = 5.0
+"""Smallest radius of the inner edge of the innermost lane."""
 EDGES = 4
 """Number of edges of a loop."""
 CHORD_M = 6.0
@@ -21,6 +38,135 @@ DEMO_START_SPEED_M_S = 15.0
 BLOCK_M, BLOCK_PITCH_M, BLOCK_WIDTH_M = 3.0, 6.0, 0.8
 PAVEMENT_COLOR = "70,70,70"
 BLOCK_COLORS = ("190,190,190", "220,90,30")
+
+
+@dataclass(frozen=True)
+class ScenarioDescription(RoadDescription):
+    """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
+
+    circumference_m: length of every lane of the loop, metres (ours)
+    barricaded_lanes: lanes to close along the loop; 0 is the rightmost (ours)
+
+    Raises:
+        ScenarioError: a value has a wrong type or is out of bounds, the loop is too short for its
+            lanes, no lane is open, or a placed vehicle is off the road, too fast or overlaps
+            another one.
+    """
+
+    meaning = "a closed circular highway"
+    circumference_m: float = setting(500.0, low=100, high=50_000)
+    lanes: int = LANES()
+    lane_width_m: float = LANE_WIDTH_M()
+    speed_limit_m_s: float = SPEED_LIMIT_M_S()
+    vehicle_length_m: float = VEHICLE_LENGTH_M()
+    vehicle_width_m: float = VEHICLE_WIDTH_M()
+    barricaded_lanes: tuple[int, ...] = ()
+    vehicles: tuple[PlacedVehicle, ...] = ()
+    vehicle_types: tuple[CustomVehicleType, ...] = ()
+    additional_files: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_sizes(self)
+        self._check_radius()
+        self._check_barricades()
+        self._check_vehicles()
+
+    @property
+    def open_lanes(self) -> tuple[bool, ...]:
+        """One flag for each lane, rightmost first; False if it is barricaded."""
+        return tuple(lane not in self.barricaded_lanes for lane in range(self.lanes))
+
+    def _check_radius(self) -> None:
+        """Raise ScenarioError if the loop is too short for its lanes."""
+        least_m = 2 * math.pi * (INNER_RADIUS_M + self.lanes * self.lane_width_m / 2)
+        if self.circumference_m < least_m:
+            raise ScenarioError(
+                f"The scenario's circumference_m is {self.circumference_m:g}, but must be at least "
+                f"{math.ceil(least_m)} for {pluralize(self.lanes, 'lane')} of "
+                f"{self.lane_width_m:g} m."
+            )
+
+    def _check_barricades(self) -> None:
+        """Raise ScenarioError unless the barricaded lanes exist and at least one lane is open."""
+        if not isinstance(self.barricaded_lanes, list | tuple) or not all(
+            type(lane) is int and 0 <= lane < self.lanes for lane in self.barricaded_lanes
+        ):
+            raise ScenarioError(
+                f"The scenario's barricaded_lanes are {self.barricaded_lanes!r}, but must be "
+                f"whole numbers from 0, the rightmost lane, to {self.lanes - 1}."
+            )
+        object.__setattr__(self, "barricaded_lanes", tuple(sorted(set(self.barricaded_lanes))))
+        if not any(self.open_lanes):
+            raise ScenarioError(
+                "The scenario's barricaded_lanes are all its lanes, but one must stay open."
+            )
+
+    def _check_vehicles(self) -> None:
+        """Raise ScenarioError if a placed vehicle is off the road or too fast, or two overlap."""
+        lanes = [lane for lane, is_open in enumerate(self.open_lanes) if is_open]
+        for number, vehicle in enumerate(self.vehicles):
+            if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
+                raise ScenarioError(
+                    f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane}, but must be "
+                    "on a lane that exists and is not barricaded."
+                )
+            if vehicle.position_m >= self.circumference_m:
+                raise ScenarioError(
+                    f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
+                    f"on the loop of {self.circumference_m:g} m."
+                )
+            check_placed(self, number, lanes, self.circumference_m)
+
+    def network_text(self) -> str:
+        """Return the text of a loop's network file: four edges without junction lanes between.
+
+        Raises:
+            ScenarioError: netconvert refuses the description.
+            SimulationError: netconvert cannot be run.
+        """
+        return netconvert({"node": _nodes(self), "edge": _edges(self)})
+
+    def read_layout(self, network: ET.Element, name: str) -> Layout:
+        """Return the layout of the loop in a network, as ``RoadDescription.read_layout``."""
+        open_lanes = {lane for lane, is_open in enumerate(self.open_lanes) if is_open}
+        lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
+        connections, s_m = set[Connection](), 0.0
+        for i, length_m in enumerate(edge_lengths_m(self.circumference_m)):
+            size = f"e{i}", length_m, self.lane_width_m, self.speed_limit_m_s
+            for lane in range(self.lanes):
+                closed = {} if lane in open_lanes else {"disallow": "all"}
+                lanes[f"e{i}_{lane}"] = NetworkLane(*size, closed)
+                positions[f"e{i}_{lane}"] = lane, s_m
+            following = f"e{(i + 1) % EDGES}"
+            connections |= {(f"e{i}", str(lane), following, str(lane)) for lane in open_lanes}
+            s_m += length_m
+        require_network(network, lanes, connections, name)
+        road = Road(s_m, self.lane_width_m, self.open_lanes)
+        return Layout(road, {"loop": tuple(f"e{i}" for i in range(EDGES))}, positions)
+
+    def traffic(self) -> ET.Element:
+        """Return SUMO's route file with the demo vehicles, which drive around the loop."""
+        root = ET.Element("routes")
+        laps = math.ceil(DEMO_END_S * self.speed_limit_m_s / self.circumference_m) + 1
+        edges = " ".join(f"e{i}" for i in range(EDGES))
+        ET.SubElement(root, "route", id="loop", edges=edges, repeat=str(laps))
+        edge_m = edge_lengths_m(self.circumference_m)[0]
+        for vehicle in demo_vehicles(self):
+            edge = min(int(vehicle.position_m // edge_m), EDGES - 1)
+            vehicle_element(
+                root,
+                vehicle,
+                self.speed_limit_m_s,
+                route="loop",
+                departEdge=str(edge),
+                departLane=str(vehicle.lane),
+                departPos=f"{vehicle.position_m - edge * edge_m:.2f}",
+            )
+        return root
+
+    def additional(self) -> dict[str, ET.Element]:
+        """Return {file name: root element} of the file that draws barricaded lanes, if any."""
+        return {BARRICADES_FILE: _barricades(self)} if self.barricaded_lanes else {}
 
 
 def edge_lengths_m(circumference_m: float) -> tuple[float, ...]:
@@ -38,16 +184,6 @@ def point(radius_m: float, turn: float) -> str:
     angle = 2 * math.pi * turn
     x, y = radius_m * math.cos(angle), radius_m * math.sin(angle)
     return f"{x + 0.0:.{PRECISION}f},{y + 0.0:.{PRECISION}f}".replace("-0.000000", "0.000000")
-
-
-def network_text(description: ScenarioDescription) -> str:
-    """Return the text of a loop's network file: four edges without junction lanes between them.
-
-    Raises:
-        ScenarioError: netconvert refuses the description.
-        SimulationError: netconvert cannot be run.
-    """
-    return netconvert({"node": _nodes(description), "edge": _edges(description)})
 
 
 def _nodes(description: ScenarioDescription) -> ET.Element:
@@ -81,11 +217,6 @@ def _edges(description: ScenarioDescription) -> ET.Element:
         for lane in description.barricaded_lanes:
             ET.SubElement(edge, "lane", index=str(lane), disallow="all")
     return root
-
-
-def additional(description: ScenarioDescription) -> dict[str, ET.Element]:
-    """Return {file name: root element} of the file that draws barricaded lanes, {} without any."""
-    return {BARRICADES_FILE: _barricades(description)} if description.barricaded_lanes else {}
 
 
 def _barricades(description: ScenarioDescription) -> ET.Element:
@@ -143,65 +274,3 @@ def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]
         )
         for i in range(min(DEMO_VEHICLES, rows * len(lanes)))
     )
-
-
-def _traffic(description: ScenarioDescription) -> ET.Element:
-    """Return SUMO's route file with the demo vehicles, which drive around the loop."""
-    root = ET.Element("routes")
-    laps = math.ceil(DEMO_END_S * description.speed_limit_m_s / description.circumference_m) + 1
-    edges = " ".join(f"e{i}" for i in range(EDGES))
-    ET.SubElement(root, "route", id="loop", edges=edges, repeat=str(laps))
-    for vehicle in demo_vehicles(description):
-        edge, position_m = _edge_and_position(description, vehicle.position_m)
-        vehicle_element(
-            root,
-            vehicle,
-            description.speed_limit_m_s,
-            route="loop",
-            departEdge=str(edge),
-            departLane=str(vehicle.lane),
-            departPos=f"{position_m:.2f}",
-        )
-    return root
-
-
-def _edge_and_position(description: ScenarioDescription, position_m: float) -> tuple[int, float]:
-    """Return the number of the edge, and the position on it, metres, of a position on the loop."""
-    lengths_m = edge_lengths_m(description.circumference_m)
-    edge = min(int(position_m // lengths_m[0]), EDGES - 1)
-    return edge, position_m - edge * lengths_m[0]
-
-
-def read_layout(network: ET.Element, description: ScenarioDescription, name: str) -> Layout:
-    """Return the layout of the loop in a network; check that it agrees with the description.
-
-    ``network`` is the root element of SUMO's network file, ``name`` the file's name.
-
-    Raises:
-        ScenarioError: the road differs from the description; the message contains ``name``.
-    """
-    open_lanes = {lane for lane, is_open in enumerate(description.open_lanes) if is_open}
-    lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
-    connections, s_m = set[Connection](), 0.0
-    for i, length_m in enumerate(edge_lengths_m(description.circumference_m)):
-        size = f"e{i}", length_m, description.lane_width_m, description.speed_limit_m_s
-        for lane in range(description.lanes):
-            closed = {} if lane in open_lanes else {"disallow": "all"}
-            lanes[f"e{i}_{lane}"] = NetworkLane(*size, closed)
-            positions[f"e{i}_{lane}"] = lane, s_m
-        following = f"e{(i + 1) % EDGES}"
-        connections |= {(f"e{i}", str(lane), following, str(lane)) for lane in open_lanes}
-        s_m += length_m
-    require_network(network, lanes, connections, name)
-    road = Road(s_m, description.lane_width_m, description.open_lanes)
-    return Layout(road, {"loop": tuple(f"e{i}" for i in range(EDGES))}, positions)
-
-
-LOOP = RoadType(
-    "a closed circular highway",
-    ScenarioDescription,
-    network_text,
-    read_layout,
-    _traffic,
-    additional,
-)

@@ -17,7 +17,6 @@ from drl_av.scenarios.layout import (
     NetworkLane,
     OpenPlan,
     Point,
-    RoadType,
     require_network,
     route_on,
     split_long_edges,
@@ -97,38 +96,49 @@ class OpenDescription(RoadDescription):
                 return limit_m_s
         return self.speed_limit_m_s
 
+    def network_text(self) -> str:
+        """Return the text of the network file, as ``RoadDescription.network_text``."""
+        plan = split_long_edges(self.plan())
+        roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
+        nodes: dict[Point, str] = {}
+        for edge in plan.edges:
+            ends = [*zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)]
+            drawn = [edge.shape[0], edge.shape[-1]] if edge.shape else [(s, -y) for s, y in ends]
+            for end, (x_m, y_m) in zip(ends, drawn, strict=True):
+                if end not in nodes:
+                    nodes[end] = f"n{len(nodes)}"
+                    place = {"x": _text(x_m), "y": _text(y_m), "type": "priority"}
+                    ET.SubElement(roots["node"], "node", {"id": nodes[end]} | place)
+            _add_edge(roots["edge"], edge, [nodes[end] for end in ends], plan, self)
+        for way in sorted(_connections(plan)):
+            keys = ("from", "fromLane", "to", "toLane")
+            ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
+        return netconvert(roots)
 
-def open_road_type(meaning: str, description: type[OpenDescription]) -> RoadType:
-    """Return a kind of scenario with open roads; ``description`` is the class of its descriptions.
+    def read_layout(self, network: ET.Element, name: str) -> Layout:
+        """Return the layout of a network file, as ``RoadDescription.read_layout``."""
+        plan = split_long_edges(self.plan())
+        lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
+        for edge in plan.edges:
+            size = edge.id, edge.end_m - edge.begin_m, self.lane_width_m
+            for index, lane in enumerate(edge.lanes):
+                limit_m_s, further = _limits(edge, self)[index], edge.lane_attributes.get(lane)
+                lanes[f"{edge.id}_{index}"] = NetworkLane(*size, limit_m_s, further or {})
+                positions[f"{edge.id}_{index}"] = lane, edge.begin_m
+        require_network(network, lanes, _connections(plan), name)
+        return Layout(plan.road, plan.routes, positions, plan.start)
 
-    ``meaning`` is its text in the help of the command line.
-    """
-    return RoadType(meaning, description, network_text, read_layout, traffic)
-
-
-def network_text(description: OpenDescription) -> str:
-    """Return the text of the network file of an open road.
-
-    Raises:
-        ScenarioError: netconvert refuses the road.
-        SimulationError: netconvert cannot be run.
-    """
-    plan = split_long_edges(description.plan())
-    roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
-    nodes: dict[Point, str] = {}
-    for edge in plan.edges:
-        ends = [*zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)]
-        drawn = [edge.shape[0], edge.shape[-1]] if edge.shape else [(s, -y) for s, y in ends]
-        for end, (x_m, y_m) in zip(ends, drawn, strict=True):
-            if end not in nodes:
-                nodes[end] = f"n{len(nodes)}"
-                place = {"x": _text(x_m), "y": _text(y_m), "type": "priority"}
-                ET.SubElement(roots["node"], "node", {"id": nodes[end]} | place)
-        _add_edge(roots["edge"], edge, [nodes[end] for end in ends], plan, description)
-    for way in sorted(_connections(plan)):
-        keys = ("from", "fromLane", "to", "toLane")
-        ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
-    return netconvert(roots)
+    def traffic(self) -> ET.Element:
+        """Return SUMO's route file: the vehicles that the scenario places, or inflow and ego."""
+        plan = split_long_edges(self.plan())
+        root = ET.Element("routes")
+        for name, edges in plan.routes.items():
+            ET.SubElement(root, "route", id=name, edges=" ".join(edges))
+        if self.vehicles:
+            _place(root, self, plan)
+        else:
+            _let_enter(root, self, plan)
+        return root
 
 
 def _add_edge(
@@ -179,37 +189,6 @@ def _connections(plan: OpenPlan) -> set[Connection]:
         for lane in one.lanes
         if lane in other.lanes and lane_end_m(lane, one.begin_m, plan.road) > one.end_m
     }
-
-
-def read_layout(network: ET.Element, description: OpenDescription, name: str) -> Layout:
-    """Return the layout of the network file called ``name``, with the root element ``network``.
-
-    Raises:
-        ScenarioError: the road is not the described one; the message contains ``name``.
-    """
-    plan = split_long_edges(description.plan())
-    lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
-    for edge in plan.edges:
-        size = edge.id, edge.end_m - edge.begin_m, description.lane_width_m
-        for index, lane in enumerate(edge.lanes):
-            limit_m_s, further = _limits(edge, description)[index], edge.lane_attributes.get(lane)
-            lanes[f"{edge.id}_{index}"] = NetworkLane(*size, limit_m_s, further or {})
-            positions[f"{edge.id}_{index}"] = lane, edge.begin_m
-    require_network(network, lanes, _connections(plan), name)
-    return Layout(plan.road, plan.routes, positions, plan.start)
-
-
-def traffic(description: OpenDescription) -> ET.Element:
-    """Return SUMO's route file: the vehicles that the scenario places, or an inflow and an ego."""
-    plan = split_long_edges(description.plan())
-    root = ET.Element("routes")
-    for name, edges in plan.routes.items():
-        ET.SubElement(root, "route", id=name, edges=" ".join(edges))
-    if description.vehicles:
-        _place(root, description, plan)
-    else:
-        _let_enter(root, description, plan)
-    return root
 
 
 def _place(root: ET.Element, description: OpenDescription, plan: OpenPlan) -> None:

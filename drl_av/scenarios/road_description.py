@@ -2,7 +2,8 @@
 
 import math
 import re
-from abc import ABC
+import xml.etree.ElementTree as ET
+from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import Field, asdict, dataclass, fields
 from functools import partial
@@ -15,6 +16,7 @@ from drl_av.config.section import setting
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, check_custom_types
+from drl_av.scenarios.layout import Layout
 
 BOUNDS: dict[str, Bounds] = {
     "lane": (0, 9),
@@ -29,8 +31,6 @@ SPEED_LIMIT_M_S = partial(setting, 40.0, low=1, high=100)
 VEHICLE_LENGTH_M = partial(setting, 5.0, low=LENGTHS_M[0], high=LENGTHS_M[1])
 VEHICLE_WIDTH_M = partial(setting, 1.8, low=WIDTHS_M[0], high=WIDTHS_M[1])
 """Fields of the descriptions of all kinds of roads; ``RoadDescription`` says what they are."""
-INNER_RADIUS_M = 5.0
-"""Smallest radius of the inner edge of the innermost lane."""
 MOST_VEHICLES = 3000
 """Largest number of vehicles, with the ego, that start on an open road or that a scenario places.
 The time of a SUMO step grows with the square of the number of vehicles in a lane, because the
@@ -99,6 +99,33 @@ class RoadDescription(ABC):
     """The user's own vehicle types and their shares; all other vehicles have the size above."""
     additional_files: tuple[str, ...]
     """Paths of SUMO's additional files that are the user's own, such as detectors."""
+    meaning: ClassVar[str]
+    """What the kind of scenario is, in the help of the command line."""
+
+    @abstractmethod
+    def network_text(self) -> str:
+        """Return the text of the network file.
+
+        Raises:
+            ScenarioError: netconvert refuses the description.
+            SimulationError: netconvert cannot be run.
+        """
+
+    @abstractmethod
+    def read_layout(self, network: ET.Element, name: str) -> Layout:
+        """Return the layout of a network; ``network`` is the root element of the file ``name``.
+
+        Raises:
+            ScenarioError: the road differs from the described one; the message contains ``name``.
+        """
+
+    @abstractmethod
+    def traffic(self) -> ET.Element:
+        """Return SUMO's route file with the demo traffic, for SUMO alone."""
+
+    def additional(self) -> dict[str, ET.Element]:
+        """Return {file name: root element} of more files that SUMO loads before its vehicles."""
+        return {}
 
     def to_toml(self) -> str:
         """Return the description as TOML text, without its kind; ``from_toml`` reads it back."""
@@ -112,83 +139,6 @@ class RoadDescription(ABC):
     def summary(self) -> str:
         """What was made of the user's own files, in a few lines; "" if there are none."""
         return ""
-
-
-@dataclass(frozen=True)
-class ScenarioDescription(RoadDescription):
-    """A closed loop, driven counter-clockwise on the right, so that lane 0 is the outermost lane.
-
-    circumference_m: length of every lane of the loop, metres (ours)
-    barricaded_lanes: lanes to close along the loop; 0 is the rightmost (ours)
-
-    Raises:
-        ScenarioError: a value has a wrong type or is out of bounds, the loop is too short for its
-            lanes, no lane is open, or a placed vehicle is off the road, too fast or overlaps
-            another one.
-    """
-
-    circumference_m: float = setting(500.0, low=100, high=50_000)
-    lanes: int = LANES()
-    lane_width_m: float = LANE_WIDTH_M()
-    speed_limit_m_s: float = SPEED_LIMIT_M_S()
-    vehicle_length_m: float = VEHICLE_LENGTH_M()
-    vehicle_width_m: float = VEHICLE_WIDTH_M()
-    barricaded_lanes: tuple[int, ...] = ()
-    vehicles: tuple[PlacedVehicle, ...] = ()
-    vehicle_types: tuple[CustomVehicleType, ...] = ()
-    additional_files: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_sizes(self)
-        self._check_radius()
-        self._check_barricades()
-        self._check_vehicles()
-
-    @property
-    def open_lanes(self) -> tuple[bool, ...]:
-        """One flag for each lane, rightmost first; False if it is barricaded."""
-        return tuple(lane not in self.barricaded_lanes for lane in range(self.lanes))
-
-    def _check_radius(self) -> None:
-        """Raise ScenarioError if the loop is too short for its lanes."""
-        least_m = 2 * math.pi * (INNER_RADIUS_M + self.lanes * self.lane_width_m / 2)
-        if self.circumference_m < least_m:
-            raise ScenarioError(
-                f"The scenario's circumference_m is {self.circumference_m:g}, but must be at least "
-                f"{math.ceil(least_m)} for {pluralize(self.lanes, 'lane')} of "
-                f"{self.lane_width_m:g} m."
-            )
-
-    def _check_barricades(self) -> None:
-        """Raise ScenarioError unless the barricaded lanes exist and at least one lane is open."""
-        if not isinstance(self.barricaded_lanes, list | tuple) or not all(
-            type(lane) is int and 0 <= lane < self.lanes for lane in self.barricaded_lanes
-        ):
-            raise ScenarioError(
-                f"The scenario's barricaded_lanes are {self.barricaded_lanes!r}, but must be "
-                f"whole numbers from 0, the rightmost lane, to {self.lanes - 1}."
-            )
-        object.__setattr__(self, "barricaded_lanes", tuple(sorted(set(self.barricaded_lanes))))
-        if not any(self.open_lanes):
-            raise ScenarioError(
-                "The scenario's barricaded_lanes are all its lanes, but one must stay open."
-            )
-
-    def _check_vehicles(self) -> None:
-        """Raise ScenarioError if a placed vehicle is off the road or too fast, or two overlap."""
-        lanes = [lane for lane, is_open in enumerate(self.open_lanes) if is_open]
-        for number, vehicle in enumerate(self.vehicles):
-            if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
-                raise ScenarioError(
-                    f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane}, but must be "
-                    "on a lane that exists and is not barricaded."
-                )
-            if vehicle.position_m >= self.circumference_m:
-                raise ScenarioError(
-                    f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
-                    f"on the loop of {self.circumference_m:g} m."
-                )
-            check_placed(self, number, lanes, self.circumference_m)
 
 
 def toml_text(description: RoadDescription, **changed: Any) -> str:

@@ -1,6 +1,6 @@
 """The kinds of scenarios by name, and the description of a scenario in TOML text.
 
-To add a kind, write its file and add a line to ``ROAD_TYPES``, from which the help of the command
+To add a kind, write its class and add a line to ``ROAD_TYPES``, from which the help of the command
 line and the docs are generated.
 """
 
@@ -13,19 +13,23 @@ from typing import Any, TypeVar
 from drl_av.config.section import did_you_mean, there_is_no
 from drl_av.errors import ScenarioError
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
-from drl_av.scenarios.highways import EXIT, MERGE, RAMP_TO_RAMP, STRAIGHT
-from drl_av.scenarios.imported.description import IMPORTED
-from drl_av.scenarios.layout import RoadType
-from drl_av.scenarios.loop import LOOP
+from drl_av.scenarios.highways import (
+    ExitDescription,
+    MergeDescription,
+    RampToRampDescription,
+    StraightDescription,
+)
+from drl_av.scenarios.imported.description import ImportedDescription
+from drl_av.scenarios.loop import ScenarioDescription
 from drl_av.scenarios.road_description import FILES, TYPES, PlacedVehicle, RoadDescription
 
-ROAD_TYPES: dict[str, RoadType] = {
-    "loop": LOOP,
-    "straight": STRAIGHT,
-    "merge": MERGE,
-    "exit": EXIT,
-    "ramp_to_ramp": RAMP_TO_RAMP,
-    "imported": IMPORTED,
+ROAD_TYPES: dict[str, type[RoadDescription]] = {
+    "loop": ScenarioDescription,
+    "straight": StraightDescription,
+    "merge": MergeDescription,
+    "exit": ExitDescription,
+    "ramp_to_ramp": RampToRampDescription,
+    "imported": ImportedDescription,
 }
 
 
@@ -33,24 +37,15 @@ def road_type_name(description: RoadDescription) -> str:
     """Return the name of the kind of scenario to which a description belongs.
 
     Raises:
-        ScenarioError: no kind has a description of this class.
+        ScenarioError: no kind has this class.
     """
     for name, kind in ROAD_TYPES.items():
-        if type(description) is kind.description:
+        if type(description) is kind:
             return name
     raise ScenarioError(
         f"No kind of scenario is described by a {type(description).__name__}: add its kind to "
         "drl_av.scenarios.road_types.ROAD_TYPES."
     )
-
-
-def road_type_of(description: RoadDescription) -> RoadType:
-    """Return the kind of scenario to which a description belongs.
-
-    Raises:
-        ScenarioError: no kind has a description of this class.
-    """
-    return ROAD_TYPES[road_type_name(description)]
 
 
 def stated_road_type(description: RoadDescription) -> str:
@@ -88,7 +83,7 @@ def from_toml(text: str, name: str = "scenario.toml") -> RoadDescription:
         for key, (made, what) in TABLES.items():
             if key in values:
                 values[key] = _from_tables(values[key], key, made, what)
-        return _build(ROAD_TYPES[kind].description, values, "a scenario")
+        return _build(ROAD_TYPES[kind], values, "a scenario")
     except ScenarioError as error:
         raise ScenarioError(f"{name}: {error}") from error
 

@@ -151,7 +151,7 @@ def test_an_episode_is_recorded_filmed_and_repeated_exactly(
     driver: str, kind: str, decisions: int, tmp_path: Path
 ) -> None:
     near = {"approach_m": 500.0} if kind == "exit" else {}  # so that the ego passes the gore
-    write_scenario(tmp_path / "road", ROAD_TYPES[kind].description(**near))
+    write_scenario(tmp_path / "road", ROAD_TYPES[kind](**near))
     short = config(str(tmp_path / "road")).updated("simulation", decisions_per_episode=decisions)
     session = ReplaySession(short, rule_driver(driver, short), driver, 9, 50)
     page = PageRecorder(session)

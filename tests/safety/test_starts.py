@@ -15,7 +15,8 @@ from drl_av.road.road import OPEN_LAP_M, Road, SpeedLimit
 from drl_av.safety import named_check
 from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import write_scenario
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
+from drl_av.scenarios.loop import ScenarioDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 
 STRICT = Config().updated("safety", check="strict")
 

@@ -19,7 +19,7 @@ from drl_av.road.road import PartialLane
 from drl_av.scenarios import road_types
 from drl_av.scenarios.folder import find_scenario, load_scenario, write_scenario
 from drl_av.scenarios.highways import ExitDescription, MergeDescription, StraightDescription
-from drl_av.scenarios.open_road import OpenDescription, OpenPlan, open_road_type
+from drl_av.scenarios.open_road import OpenDescription, OpenPlan
 from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.simulation.fleet import Fleet
 
@@ -280,6 +280,7 @@ class TwoLaneDescription(OpenDescription):
     shoulder_m: length of the shoulder (this test)
     """
 
+    meaning = "a road of my own"
     shoulder_m: float = setting(400.0, low=100, high=900)
 
     def plan(self) -> OpenPlan:
@@ -290,9 +291,7 @@ class TwoLaneDescription(OpenDescription):
 def test_a_kind_from_outside_the_package_is_one_class_and_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(
-        road_types.ROAD_TYPES, "own", open_road_type("a road of my own", TwoLaneDescription)
-    )
+    monkeypatch.setitem(road_types.ROAD_TYPES, "own", TwoLaneDescription)
     words = ["scenario", str(tmp_path / "own"), "--kind", "own", "--shoulder-m", "450"]
     assert main([*words, "--lanes", "2"]) == 0
     scenario = load_scenario(tmp_path / "own")

@@ -18,7 +18,8 @@ from drl_av.random_streams import Stream, generator
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, draw_types
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.highways import StraightDescription
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
+from drl_av.scenarios.loop import ScenarioDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.scenarios.road_types import ROAD_TYPES, from_toml
 
 TRUCK = CustomVehicleType("truck", 0.3, 14.0, 2.5)
@@ -97,7 +98,7 @@ def test_no_two_purposes_draw_the_same_random_numbers() -> None:
 @pytest.mark.parametrize("kind", sorted(ROAD_TYPES.keys() - {"loop"}))
 def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path: Path) -> None:
     given = {"vehicle_types": (TRUCK, TAXI), "flow_per_h": 1500.0}
-    described = ROAD_TYPES[kind].description(**needed(kind), **given)
+    described = ROAD_TYPES[kind](**needed(kind), **given)
     write_scenario(tmp_path / "road", described)
     env = HighwayEnv(tmp_path / "road")
     sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}

@@ -197,7 +197,7 @@ def test_one_vehicle_starts_as_fast_as_it_would_among_others(
 def test_a_training_begins_with_up_to_twice_the_vehicles_of_the_flow_that_have_room(
     flow_per_h: float, gap_m: float, most: int, tmp_path: Path
 ) -> None:
-    write_scenario(tmp_path / "road", ROAD_TYPES["merge"].description(flow_per_h=flow_per_h))
+    write_scenario(tmp_path / "road", ROAD_TYPES["merge"](flow_per_h=flow_per_h))
     config = Config().with_traffic("calm").updated("traffic", start_gap_m=gap_m)
     assert Fleet(load_scenario(tmp_path / "road"), config).most_in_training == most
 

@@ -15,7 +15,8 @@ from drl_av.config import Config, EgoConfig, TrafficConfig
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.road.road import Road, is_open
 from drl_av.scenarios.folder import write_scenario
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
+from drl_av.scenarios.loop import ScenarioDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.simulation.population import (
     DriverModel,
     Population,

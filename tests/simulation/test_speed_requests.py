@@ -206,7 +206,7 @@ def test_the_traffic_drives_as_if_sumo_were_asked_for_every_leader(
 def test_on_open_roads_too(
     kind: str, tmp_path: Path, stack: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_scenario(tmp_path / "road", ROAD_TYPES[kind].description())
+    write_scenario(tmp_path / "road", ROAD_TYPES[kind]())
     config = Config().with_traffic("naturalistic")  # in which the vehicles beyond the end count
     env = stack.enter_context(closing(HighwayEnv(tmp_path / "road", config=config)))
     few, all_of_them = both_ways(env, monkeypatch, 1, 40)

@@ -13,7 +13,8 @@ from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import Command, Snapshot
 from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
 from drl_av.scenarios.highways import MergeDescription, StraightDescription
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
+from drl_av.scenarios.loop import ScenarioDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.simulation import Simulation
 

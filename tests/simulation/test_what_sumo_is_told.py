@@ -15,8 +15,9 @@ from drl_av.road.vehicle_types import VEHICLE
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.folder import find_scenario, load_scenario, write_scenario
 from drl_av.scenarios.highways import StraightDescription
+from drl_av.scenarios.loop import ScenarioDescription
 from drl_av.scenarios.open_road import START_M
-from drl_av.scenarios.road_description import PlacedVehicle, ScenarioDescription
+from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.scenarios.road_types import ROAD_TYPES
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.inflow import Inflow, Last
@@ -88,7 +89,7 @@ def test_the_braking_term_of_sumos_idm_takes_the_accel_of_the_type_not_of_the_ve
 def test_random_changes_of_lanes_never_lead_into_the_lane_of_a_ramp(
     kind: str, tmp_path: Path
 ) -> None:
-    write_scenario(tmp_path / "road", ROAD_TYPES[kind].description())
+    write_scenario(tmp_path / "road", ROAD_TYPES[kind]())
     busy = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=1.0)
     fleet = Fleet(load_scenario(tmp_path / "road"), busy)
     fleet.draw(1, 40)
@@ -100,7 +101,7 @@ def test_random_changes_of_lanes_never_lead_into_the_lane_of_a_ramp(
 @pytest.mark.parametrize("kind", ["loop", "straight"])
 def test_only_who_keeps_its_lane_changes_lanes_at_random(kind: str, tmp_path: Path) -> None:
     # SUMO would let a vehicle between two lanes go on into the next one, in front of others
-    write_scenario(tmp_path / "road", ROAD_TYPES[kind].description())
+    write_scenario(tmp_path / "road", ROAD_TYPES[kind]())
     busy = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=1.0)
     fleet = Fleet(load_scenario(tmp_path / "road"), busy)
     fleet.draw(1, 20)
@@ -111,7 +112,7 @@ def test_only_who_keeps_its_lane_changes_lanes_at_random(kind: str, tmp_path: Pa
 
 
 def test_a_vehicle_waits_rather_than_enter_slower_than_the_traffic_permits() -> None:
-    start, config = ROAD_TYPES["straight"].description().plan().start, Config()
+    start, config = ROAD_TYPES["straight"]().plan().start, Config()
     for rear_m, enters in ((400.0, True), (20.0, False)):
         rng = np.random.default_rng(1)
         inflow = Inflow(rng, 100, start, 5.0, config.traffic, config.ego)
@@ -124,7 +125,7 @@ def test_a_vehicle_waits_rather_than_enter_slower_than_the_traffic_permits() -> 
 
 @pytest.mark.parametrize("kind", [name for name in ROAD_TYPES if name not in ("loop", "imported")])
 def test_the_traffic_goes_on_as_far_as_the_ego_sees_after_its_last_decision(kind: str) -> None:
-    plan = ROAD_TYPES[kind].description().plan()
+    plan = ROAD_TYPES[kind]().plan()
     last_m, bodies_m = 30.0, 25.0
     assert plan.start.span_m - plan.road.end_m == ObservationConfig().range_m + last_m + bodies_m
 
@@ -158,7 +159,7 @@ def test_a_lorry_is_a_lorry_in_acceleration_speed_headway_and_shape(
     description = (
         ScenarioDescription(vehicle_types=(LORRY,), circumference_m=1000.0)
         if kind == "loop"
-        else ROAD_TYPES[kind].description(vehicle_types=(LORRY,))
+        else ROAD_TYPES[kind](vehicle_types=(LORRY,))
     )
     write_scenario(tmp_path / "road", description)
     assert load_scenario(tmp_path / "road").description.vehicle_types == (LORRY,)

@@ -352,7 +352,7 @@ def test_vehicles_that_enter_and_leave_an_open_road_confuse_no_one() -> None:
 
 
 def test_the_traffic_of_a_ramp_keeps_the_bounds(tmp_path: Path) -> None:
-    write_scenario(tmp_path / "road", ROAD_TYPES["merge"].description())
+    write_scenario(tmp_path / "road", ROAD_TYPES["merge"]())
     config = CONFIG.updated("simulation", scenario=str(tmp_path / "road"))
     with closing(HighwayEnv(config=config)) as env:
         auditor = Auditor(env.config, env.road)

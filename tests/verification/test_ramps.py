@@ -60,7 +60,7 @@ def empty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], 
 
     def make(kind: str) -> HighwayEnv:
         folder = Path(home, f"{kind}{len(made)}")
-        write_scenario(folder, ROAD_TYPES[kind].description(flow_per_h=0.0))
+        write_scenario(folder, ROAD_TYPES[kind](flow_per_h=0.0))
         config = Config().updated("safety", check="strict")
         config = config.updated("simulation", scenario=str(folder), decisions_per_episode=60)
         made.append(HighwayEnv(config=config))

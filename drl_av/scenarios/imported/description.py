@@ -13,7 +13,6 @@ from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit
 from drl_av.road.vehicle_types import check_numbers
-from drl_av.scenarios import open_road
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
 from drl_av.scenarios.imported.carriageway import Carriageway, carriageway
 from drl_av.scenarios.imported.curves import curve_limits
@@ -25,7 +24,6 @@ from drl_av.scenarios.layout import (
     Layout,
     OpenPlan,
     OpenStart,
-    RoadType,
     along,
     cut_edge,
     pieces_of,
@@ -69,6 +67,7 @@ class ImportedDescription(OpenDescription):
     lane_width_m: float = field(init=False)
     speed_limit_m_s: float = field(init=False)
     """The lowest speed limit of the route."""
+    meaning = "a route through a SUMO network of your own, such as one from OpenStreetMap"
     net: str = ""
     from_edge: str = ""
     to_edge: str = ""
@@ -164,6 +163,19 @@ class ImportedDescription(OpenDescription):
                 speed_limits=_stretches(edges, way.through),
             ),
         )
+
+    def read_layout(self, network: ET.Element, name: str) -> Layout:
+        """Return the layout of a network file, as ``RoadDescription.read_layout``.
+
+        Raises:
+            ScenarioError: the description names another network file, or the road differs from it.
+        """
+        if Path(self.net) != Path(name):
+            raise ScenarioError(
+                f"The net of the scenario is {self.net}, but must be {NETWORK_FILE!r}: "
+                f"{WRITE_AGAIN}."
+            )
+        return super().read_layout(network, name)
 
     def to_toml(self) -> str:
         """Return the description as TOML text, which describes the network file of its folder.
@@ -375,26 +387,3 @@ def _forbidden_lines(edges: Iterable[Edge]) -> list[ForbiddenLine]:
                         line = line._replace(begin_m=before.begin_m)
                     found.append(line)
     return found
-
-
-def read_layout(network: ET.Element, description: ImportedDescription, name: str) -> Layout:
-    """Return the layout of a network file; ``network`` is its root element, ``name`` its path.
-
-    Raises:
-        ScenarioError: the description names another network file, or the road differs from it.
-    """
-    if Path(description.net) != Path(name):
-        raise ScenarioError(
-            f"The net of the scenario is {description.net}, but must be {NETWORK_FILE!r}: "
-            f"{WRITE_AGAIN}."
-        )
-    return open_road.read_layout(network, description, name)
-
-
-IMPORTED = RoadType(
-    "a route through a SUMO network of your own, such as one from OpenStreetMap",
-    ImportedDescription,
-    open_road.network_text,
-    read_layout,
-    open_road.traffic,
-)
