@@ -2,12 +2,13 @@
 
 import math
 import xml.etree.ElementTree as ET
-from bisect import bisect
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain, pairwise, zip_longest
+from itertools import accumulate, chain, groupby, pairwise, zip_longest
 from operator import itemgetter
 from types import MappingProxyType
 from typing import NamedTuple
+
+import numpy as np
 
 from drl_av.errors import ScenarioError
 from drl_av.road.road import Road, SpeedLimit
@@ -254,33 +255,24 @@ def cut_edge(edge: Edge, cuts_m: Sequence[float], name: str = "") -> list[Edge]:
     ]
 
 
+def ways_along(points: Sequence[Point]) -> list[float]:
+    """Return the distance of each point of a line from its first one along the line, metres."""
+    return [*accumulate((math.dist(*ends) for ends in pairwise(points)), initial=0.0)]
+
+
 def cut_line(points: Sequence[Point], shares: Sequence[float]) -> list[tuple[Point, ...]]:
     """Return the parts of a line between ascending shares of its length, from 0 to 1."""
-    ways_m = [0.0]
-    for begin, end in pairwise(points):
-        ways_m.append(ways_m[-1] + math.dist(begin, end))
-    if not ways_m[-1]:
-        return [tuple(points)] * (len(shares) - 1)
-    parts = []
+    ways_m, parts = ways_along(points), []
     for low, high in pairwise(shares):
-        from_m, to_m = low * ways_m[-1], high * ways_m[-1]
+        ends_m = low * ways_m[-1], high * ways_m[-1]
         inner = [
             point
             for point, way_m in zip(points, ways_m, strict=True)
-            if from_m + ROUNDING_M < way_m < to_m - ROUNDING_M
+            if ends_m[0] + ROUNDING_M < way_m < ends_m[1] - ROUNDING_M
         ]
-        ends = [points[0] if low == 0.0 else _point_on(points, ways_m, from_m)]
-        ends.append(points[-1] if high == 1.0 else _point_on(points, ways_m, to_m))
-        parts.append((ends[0], *inner, ends[1]))
+        x_m, y_m = (np.interp(ends_m, ways_m, each).tolist() for each in zip(*points, strict=True))
+        parts.append(((x_m[0], y_m[0]), *inner, (x_m[1], y_m[1])))
     return parts
-
-
-def _point_on(points: Sequence[Point], ways_m: Sequence[float], at_m: float) -> Point:
-    """Return the point of a line at a distance along it; ``ways_m`` are those of its points."""
-    row = min(max(bisect(ways_m, at_m), 1), len(points) - 1)
-    share = (at_m - ways_m[row - 1]) / max(ways_m[row] - ways_m[row - 1], ROUNDING_M)
-    x_m, y_m = (a + share * (b - a) for a, b in zip(points[row - 1], points[row], strict=True))
-    return x_m, y_m
 
 
 ROUNDING_M = 0.001
@@ -298,17 +290,10 @@ def straight_on(shape: Sequence[Point], length_m: float) -> tuple[Point, Point]:
 
 def along(points: Iterable[Point], length_m: float) -> tuple[Point, ...]:
     """Return a line of ``length_m`` metres along the points; it goes straight on after the last."""
-    first, *others = points
-    line, left_m = [first], length_m
-    for point in others:
-        piece_m = math.dist(line[-1], point)
-        if abs(piece_m - left_m) < ROUNDING_M:
-            return (*line, point)
-        if piece_m > left_m:
-            share = left_m / piece_m
-            x_m, y_m = (a + share * (b - a) for a, b in zip(line[-1], point, strict=True))
-            return (*line, (x_m, y_m))
-        if piece_m > 0.0:
-            line.append(point)
-            left_m -= piece_m
-    return (*line, straight_on(line, left_m)[1])
+    line = [point for point, _ in groupby(points)]
+    left_m = length_m - ways_along(line)[-1]
+    if abs(left_m) < ROUNDING_M:
+        return tuple(line)
+    if left_m > 0.0:
+        line.append(straight_on(line, left_m)[1])
+    return cut_line(line, (0.0, length_m / ways_along(line)[-1]))[0]

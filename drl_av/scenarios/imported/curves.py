@@ -1,8 +1,9 @@
 """The speed at which the curves of a route can be driven; pure geometry (ours)."""
 
 import math
-from bisect import bisect
 from collections.abc import Sequence
+
+import numpy as np
 
 from drl_av.road.road import SpeedLimit
 from drl_av.scenarios.layout import Point
@@ -70,31 +71,13 @@ def _radii_m(line: Line, chord_m: float) -> dict[int, float]:
 
     The key is the position along the route divided by ``SPACING_M``.
     """
-    positions_m = [at_m for at_m, _ in line]
+    positions_m, points = zip(*line, strict=True)
     first = math.ceil((positions_m[0] + chord_m) / SPACING_M)
-    last = math.floor((positions_m[-1] - chord_m) / SPACING_M)
-    found = {}
-    for place in range(first, last + 1):
-        ways_m = (place * SPACING_M + way_m for way_m in (-chord_m, 0.0, chord_m))
-        turned = _turn(*(_point(line, positions_m, at_m) for at_m in ways_m))
-        if turned > STRAIGHT_RAD:
-            found[place] = chord_m / turned
-    return found
-
-
-def _turn(behind: Point, here: Point, ahead: Point) -> float:
-    """Return the angle between the chords of three points, radians, from 0 to pi."""
-    first, second = (
-        math.atan2(end[1] - begin[1], end[0] - begin[0])
-        for begin, end in ((behind, here), (here, ahead))
+    places = np.arange(first, math.floor((positions_m[-1] - chord_m) / SPACING_M) + 1)
+    behind, here, ahead = (
+        np.interp(places * SPACING_M + way_m, positions_m, [complex(*point) for point in points])
+        for way_m in (-chord_m, 0.0, chord_m)
     )
-    return abs((second - first + math.pi) % (2 * math.pi) - math.pi)
-
-
-def _point(line: Line, positions_m: Sequence[float], at_m: float) -> Point:
-    """Return the point of a line at a position along it."""
-    row = min(max(bisect(positions_m, at_m), 1), len(line) - 1)
-    (from_m, begin), (to_m, end) = line[row - 1], line[row]
-    share = min(max((at_m - from_m) / max(to_m - from_m, 1e-9), 0.0), 1.0)
-    x_m, y_m = (a + share * (b - a) for a, b in zip(begin, end, strict=True))
-    return x_m, y_m
+    turned = np.abs(np.angle((ahead - here) * np.conj(here - behind)))
+    sharp = turned > STRAIGHT_RAD
+    return dict(zip(places[sharp].tolist(), (chord_m / turned[sharp]).tolist(), strict=True))

@@ -28,7 +28,7 @@ from drl_av.scenarios.imported.passage import (
     open_range,
     step_between,
 )
-from drl_av.scenarios.layout import Point
+from drl_av.scenarios.layout import Point, ways_along
 from drl_av.scenarios.netconvert import PRECISION
 
 SHORTEST_M = 0.1
@@ -285,8 +285,9 @@ def _places(lanes: Iterable[Attributes], begin_m: float) -> Iterator[tuple[float
     for lane in lanes:
         length_m = float(lane["length"])
         points = [_point(text) for text in lane["shape"].split()]
-        for share, point in zip(_shares(points), points, strict=True):
-            yield begin_m + share * length_m, point
+        ways_m = ways_along(points)
+        for way_m, point in zip(ways_m, points, strict=True):
+            yield begin_m + way_m / (ways_m[-1] or 1.0) * length_m, point
         begin_m += length_m
 
 
@@ -298,14 +299,6 @@ def _point(text: str) -> Point:
             f"{FARTHEST_M / 1e3:g} km: write the network again with netconvert."
         )
     return x, y
-
-
-def _shares(points: Sequence[Point]) -> list[float]:
-    """Return the position of each point of a line as a share of its length."""
-    ways_m = [0.0]
-    for begin, end in pairwise(points):
-        ways_m.append(ways_m[-1] + math.dist(begin, end))
-    return [way_m / ways_m[-1] if ways_m[-1] else 0.0 for way_m in ways_m]
 
 
 def _left_out(file: NetFile, edges: Sequence[Any], steps: Sequence[Step]) -> Iterator[str]:
