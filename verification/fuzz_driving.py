@@ -24,7 +24,7 @@ from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.custom_vehicle_types import CAR_FOLLOWING_MODELS, CustomVehicleType
 from drl_av.scenarios.folder import find_scenario, shipped_scenarios, write_scenario
-from drl_av.scenarios.road_description import BOUNDS, PlacedVehicle
+from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.scenarios.road_types import ROAD_TYPES
 from drl_av.simulation.start_sumo import connection
 
@@ -97,12 +97,11 @@ def route() -> dict[str, Any]:
 
 
 def _placed(name: str, rng: random.Random) -> PlacedVehicle:
-    lowest, fastest = BOUNDS["speed_m_s"]
     return PlacedVehicle(
         name,
         rng.randint(0, 3),
         rng.choice([0.0, rng.uniform(0, 500), rng.uniform(250, 700)]),
-        rng.choice([lowest, rng.uniform(0, 40), fastest]),
+        rng.choice([0.0, rng.uniform(0, 40), 100.0]),
         rng.choice([0.1, 30.0, 100.0]),
     )
 

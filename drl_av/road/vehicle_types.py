@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from types import MappingProxyType
 from typing import Any
 
 from drl_av.config.traffic import STANDSTILL_GAP_M
@@ -16,24 +15,21 @@ WIDTHS_M: Bounds = (0.5, 5.0)
 """Bounds of the length and the width of each vehicle of a scenario."""
 
 
-def check_numbers(
-    described: Any, prefix: str, bounds: Mapping[str, Bounds] = MappingProxyType({})
-) -> None:
+def check_numbers(described: Any, prefix: str) -> None:
     """Check each field that has bounds, and convert whole numbers in float fields to float.
 
-    ``described`` is a dataclass object, changed in place. ``bounds`` holds bounds by field name.
-    The bounds of all other fields are ``low`` and ``high`` of their metadata.
+    ``described`` is a dataclass object, changed in place. The bounds of a field are ``low`` and
+    ``high`` of its metadata; a field whose default is None may also be None.
 
     Raises:
         ScenarioError: a number has a wrong type or is out of bounds; the message begins with
             ``prefix``.
     """
     for item in fields(described):
-        stated = (item.metadata.get("low"), item.metadata.get("high"))
-        low, high = bounds.get(item.name, stated)
-        if low is None or high is None:
+        low, high = item.metadata.get("low"), item.metadata.get("high")
+        value: Any = getattr(described, item.name, None)
+        if low is None or high is None or (value is None and item.default is None):
             continue
-        value = getattr(described, item.name)
         whole = item.type is int
         if type(value) not in ((int,) if whole else (int, float)) or not low <= value <= high:
             kind = "a whole number" if whole else "a number"

@@ -1,26 +1,18 @@
 """The user's own vehicle types, each for a share of the traffic (ours)."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from drl_av.config.section import not_one_of
+from drl_av.config.section import not_one_of, setting
 from drl_av.errors import ScenarioError
 from drl_av.random_streams import Stream, generator
 from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
 """The allowed models of SUMO, with the attributes that make each of them deterministic."""
-BOUNDS = {
-    "share": (0.0, 1.0),
-    "length_m": LENGTHS_M,
-    "width_m": WIDTHS_M,
-    "acceleration_m_s2": (0.1, 20.0),
-    "top_speed_m_s": (0.1, 100.0),
-    "headway_s": (0.1, 20.0),
-}
 SHAPES = ("passenger", "passenger/van", "delivery", "truck", "truck/semitrailer", "bus", "coach",
           "motorcycle", "trailer")  # fmt: skip
 """The pictures of SUMO's guiShape that a type of the traffic may have."""
@@ -39,17 +31,17 @@ class CustomVehicleType:
     """
 
     id: str
-    share: float
+    share: float = field(metadata={"low": 0.0, "high": 1.0})
     """Probability that a vehicle of the traffic has this type."""
-    length_m: float
-    width_m: float
+    length_m: float = field(metadata={"low": LENGTHS_M[0], "high": LENGTHS_M[1]})
+    width_m: float = field(metadata={"low": WIDTHS_M[0], "high": WIDTHS_M[1]})
     car_following_model: str = "IDM"
     """One of ``CAR_FOLLOWING_MODELS``."""
-    acceleration_m_s2: float | None = None
+    acceleration_m_s2: float | None = setting(None, low=0.1, high=20.0)
     """SUMO's accel; None draws it for each vehicle, like the next two."""
-    top_speed_m_s: float | None = None
+    top_speed_m_s: float | None = setting(None, low=0.1, high=100.0)
     """The highest speed; a lower desired speed that is drawn for a vehicle remains."""
-    headway_s: float | None = None
+    headway_s: float | None = setting(None, low=0.1, high=20.0)
     """The time gap to the vehicle ahead, SUMO's tau."""
     shape: str = "passenger"
     """The picture in sumo-gui, one of ``SHAPES``."""
@@ -64,8 +56,7 @@ class CustomVehicleType:
                 f"A vehicle type's id is {self.id!r}, which is the type of other vehicles: "
                 "rename it."
             )
-        given = {name: bounds for name, bounds in BOUNDS.items() if getattr(self, name) is not None}
-        check_numbers(self, f"Vehicle type {self.id!r}: ", given)
+        check_numbers(self, f"Vehicle type {self.id!r}: ")
         for name, choices in (("shape", SHAPES), ("car_following_model", CAR_FOLLOWING_MODELS)):
             word = getattr(self, name)
             if word not in choices:

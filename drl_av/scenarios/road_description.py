@@ -5,7 +5,7 @@ import re
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
 from collections.abc import Collection
-from dataclasses import Field, asdict, dataclass, fields
+from dataclasses import Field, asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,17 +14,10 @@ import tomli_w
 
 from drl_av.config.section import setting
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, Bounds, check_numbers
+from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, check_custom_types
 from drl_av.scenarios.layout import Layout
 
-BOUNDS: dict[str, Bounds] = {
-    "lane": (0, 9),
-    "position_m": (0, 50_000),
-    "speed_m_s": (0, 100),
-    "desired_speed_m_s": (0.1, 100),
-}
-"""Bounds of the numeric fields of a placed vehicle."""
 LANES = partial(setting, 3, low=1, high=10)
 LANE_WIDTH_M = partial(setting, 3.8, low=2, high=10)
 SPEED_LIMIT_M_S = partial(setting, 40.0, low=1, high=100)
@@ -53,14 +46,14 @@ class PlacedVehicle:
     """
 
     id: str
-    lane: int
+    lane: int = field(metadata={"low": 0, "high": 9})
     """Index of the lane; 0 is the rightmost."""
-    position_m: float
+    position_m: float = field(metadata={"low": 0, "high": 50_000})
     """Position of the front bumper along the road, metres."""
-    speed_m_s: float
+    speed_m_s: float = field(metadata={"low": 0, "high": 100})
     """Speed at the start, at most the scenario's speed limit, and for the ego also at most
     ``ego.max_speed_m_s``. In SUMO without drl-av it is also at most the desired speed."""
-    desired_speed_m_s: float
+    desired_speed_m_s: float = field(metadata={"low": 0.1, "high": 100})
     """Speed on a free road, from 0.1 to 100 m/s. For the ego it has no effect in drl-av."""
     lane_changes: tuple[TimedChange, ...] = ()
     """Pairs (time in seconds since the start, index of an adjacent lane); none for the ego. At this
@@ -72,7 +65,7 @@ class PlacedVehicle:
             raise ScenarioError(
                 f"A vehicle's id is {self.id!r}, but must be made of letters, digits, - and _."
             )
-        check_numbers(self, f"Vehicle {self.id!r}: ", BOUNDS)
+        check_numbers(self, f"Vehicle {self.id!r}: ")
         changes = read_changes(self.lane_changes, self.id, self.lane)
         object.__setattr__(self, "lane_changes", changes)
 
