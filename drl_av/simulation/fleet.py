@@ -1,7 +1,7 @@
 """The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from copy import copy, deepcopy
 from dataclasses import replace
 from itertools import chain, islice, repeat
@@ -287,10 +287,38 @@ class Fleet:
     def _with_stated(
         self, population: Population, type_ids: Sequence[str], length_m: FloatArray
     ) -> Population:
-        """Return a population whose vehicles have what the user's own types state for them."""
+        """Return a population whose vehicles have what the user's own types state for them.
+
+        ``type_ids`` and ``length_m`` have one entry for each row. Each vehicle is then slow enough
+        at the start for its own parameters and for the vehicle ahead.
+        """
         own = {each.id: each.stated for each in self.scenario.description.vehicle_types}
         stated = [own.get(name, {}) for name in type_ids]
-        return with_stated_values(population, stated, length_m, self._road.lap_m)
+        if not any(stated):
+            return population
+        desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
+        acceleration = population.acceleration_m_s2.copy()
+        for row, values in enumerate(stated):
+            desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
+            headway[row] = values.get("headway_s", headway[row])
+            acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
+        rows = np.arange(len(desired))
+        ahead_m = (population.front_m - population.front_m[:, None]) % self._road.lap_m
+        ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
+            math.inf
+        )
+        leader = ahead_m.argmin(axis=1)
+        gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
+        speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
+        if population.ids[0] == EGO_ID:
+            speed[0] = population.speed_m_s[0]
+        return replace(
+            population,
+            speed_m_s=speed,
+            desired_speed_m_s=desired,
+            headway_s=headway,
+            acceleration_m_s2=acceleration,
+        )
 
     def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
         """Return the lengths and the widths of vehicles, metres, shape (2, n)."""
@@ -301,41 +329,3 @@ class Fleet:
             for name, truck in zip(type_ids, is_truck, strict=True)
         ]
         return np.array(sizes_m).reshape(-1, 2).T.copy()
-
-
-def with_stated_values(
-    population: Population,
-    stated: Sequence[Mapping[str, float]],
-    length_m: FloatArray,
-    lap_m: float,
-) -> Population:
-    """Return a population whose vehicles have what their types state (``CustomVehicleType``).
-
-    ``stated`` and ``length_m`` have one entry for each row. Each vehicle is then slow enough at the
-    start for its own parameters and for the vehicle ahead.
-    """
-    if not any(stated):
-        return population
-    desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
-    acceleration = population.acceleration_m_s2.copy()
-    for row, values in enumerate(stated):
-        desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
-        headway[row] = values.get("headway_s", headway[row])
-        acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
-    rows = np.arange(len(desired))
-    ahead_m = (population.front_m - population.front_m[:, None]) % lap_m
-    ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
-        math.inf
-    )
-    leader = ahead_m.argmin(axis=1)
-    gap_m = np.maximum(ahead_m[rows, leader] - length_m[leader], 0.0)
-    speed = np.minimum(population.speed_m_s, safe_speeds(desired, headway, gap_m, leader))
-    if population.ids[0] == EGO_ID:
-        speed[0] = population.speed_m_s[0]
-    return replace(
-        population,
-        speed_m_s=speed,
-        desired_speed_m_s=desired,
-        headway_s=headway,
-        acceleration_m_s2=acceleration,
-    )
