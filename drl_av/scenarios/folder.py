@@ -18,14 +18,11 @@ from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
 from drl_av.scenarios import folder_files
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, number_of
 from drl_av.scenarios.layout import Layout
-from drl_av.scenarios.loop import ScenarioDescription
+from drl_av.scenarios.loop import ScenarioDescription as ScenarioDescription
 from drl_av.scenarios.netconvert import NETWORK_FILE, WRITE_AGAIN
 from drl_av.scenarios.open_road import OpenDescription
-from drl_av.scenarios.road_description import (
-    PlacedVehicle,
-    RoadDescription,
-    require_ego,
-)
+from drl_av.scenarios.road_description import PlacedVehicle as PlacedVehicle
+from drl_av.scenarios.road_description import RoadDescription, require_ego
 from drl_av.scenarios.road_types import from_toml
 from drl_av.scenarios.safe_xml import (
     ADDITIONAL,
@@ -36,17 +33,6 @@ from drl_av.scenarios.safe_xml import (
     read_regular_file,
     read_xml,
 )
-
-__all__ = [
-    "PlacedVehicle",
-    "Scenario",
-    "ScenarioDescription",
-    "find_scenario",
-    "load_scenario",
-    "shipped_scenarios",
-    "with_scenario",
-    "write_scenario",
-]
 
 DEFAULT_SCENARIO = "circular_three_lane"
 SUMO_FILES = (".sumocfg", ".xml", ".xml.gz")
