@@ -4,7 +4,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, groupby
 from pathlib import Path
 
 from drl_av.config import TrafficConfig
@@ -336,19 +336,12 @@ def _limits(sections: Iterable[Section]) -> Iterator[float]:
             yield from part.limits_m_s
 
 
-def _joined(edges: Iterable[Edge]) -> list[Edge]:
-    """Return edges one after another, with equal neighbours joined to one edge."""
-    found: list[Edge] = []
-    for edge in edges:
-        last = found[-1] if found else None
-        if last is not None and (last.lane_limits_m_s, last.lane_attributes) == (
-            edge.lane_limits_m_s,
-            edge.lane_attributes,
-        ):
-            found[-1] = last._replace(end_m=edge.end_m, shape=(*last.shape, *edge.shape[1:]))
-        else:
-            found.append(edge)
-    return found
+def _joined(edges: Iterable[Edge]) -> Iterator[Edge]:
+    """Yield edges one after another, with equal neighbours joined to one edge."""
+    for _, alike in groupby(edges, lambda edge: (edge.lane_limits_m_s, edge.lane_attributes)):
+        first, *others = alike
+        shape = chain(first.shape, *(edge.shape[1:] for edge in others))
+        yield first._replace(end_m=[first, *others][-1].end_m, shape=tuple(shape))
 
 
 def _stretches(edges: Iterable[Edge], lanes: Collection[int]) -> tuple[SpeedLimit, ...]:
@@ -368,22 +361,12 @@ def _stretches(edges: Iterable[Edge], lanes: Collection[int]) -> tuple[SpeedLimi
 
 def _forbidden_lines(edges: Iterable[Edge]) -> list[ForbiddenLine]:
     """Return the lines that may not be crossed, each over all edges that it follows."""
-    found: list[ForbiddenLine] = []
+    found: dict[tuple[int, int, float], ForbiddenLine] = {}
     for edge in edges:
         for lane, attributes in edge.lane_attributes.items():
             for key, side in (("changeLeft", 1), ("changeRight", -1)):
                 if key in attributes and lane + side in edge.lanes:
-                    line = ForbiddenLine(lane, side, edge.begin_m, edge.end_m)
-                    before = next(
-                        (
-                            one
-                            for one in found
-                            if one == line._replace(begin_m=one.begin_m, end_m=line.begin_m)
-                        ),
-                        None,
-                    )
-                    if before is not None:
-                        found.remove(before)
-                        line = line._replace(begin_m=before.begin_m)
-                    found.append(line)
-    return found
+                    before = found.pop((lane, side, edge.begin_m), edge)
+                    line = ForbiddenLine(lane, side, before.begin_m, edge.end_m)
+                    found[lane, side, edge.end_m] = line
+    return [*found.values()]
