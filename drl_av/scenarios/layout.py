@@ -56,11 +56,6 @@ class Edge(NamedTuple):
     spread: str = "right"
     """SUMO's spreadType: how its lanes lie about ``shape``."""
 
-    @property
-    def speed_limit_m_s(self) -> float | None:
-        """The lowest speed limit of its lanes; None for the speed limit of the description."""
-        return min(self.lane_limits_m_s, default=None)
-
 
 class OpenPlan(NamedTuple):
     """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.

@@ -121,8 +121,7 @@ class ImportedDescription(OpenDescription):
         object.__setattr__(self, "to_edge", last)
         leaves_out = self._left_out() if self.left_out is None else map(str, self.left_out)
         object.__setattr__(self, "leaves_out", tuple(leaves_out))
-        limits = [edge.speed_limit_m_s for edge in self.plan().edges]
-        slowest = min(limit for limit in limits if limit is not None)
+        slowest = min(min(edge.lane_limits_m_s) for edge in self.plan().edges)
         object.__setattr__(self, "speed_limit_m_s", slowest)
         self._check_route()
         super().__post_init__()
