@@ -86,6 +86,8 @@ class Layout(NamedTuple):
     route of a loop is one lap."""
     lane_positions: dict[str, tuple[int, float]]
     """By SUMO lane id: the index of the lane on the road, and the position of its start, metres."""
+    edge_ends_m: dict[str, float]
+    """By SUMO edge id the position of its end, metres."""
     start: OpenStart | None = None
     """None on a loop, on which the vehicles may start at any position."""
 

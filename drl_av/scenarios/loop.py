@@ -130,7 +130,7 @@ class ScenarioDescription(RoadDescription):
         """Return the layout of the loop in a network, as ``RoadDescription.read_layout``."""
         open_lanes = {lane for lane, is_open in enumerate(self.open_lanes) if is_open}
         lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
-        connections, s_m = set[Connection](), 0.0
+        connections, ends_m, s_m = set[Connection](), dict[str, float](), 0.0
         for i, length_m in enumerate(edge_lengths_m(self.circumference_m)):
             size = f"e{i}", length_m, self.lane_width_m, self.speed_limit_m_s
             for lane in range(self.lanes):
@@ -139,10 +139,10 @@ class ScenarioDescription(RoadDescription):
                 positions[f"e{i}_{lane}"] = lane, s_m
             following = f"e{(i + 1) % EDGES}"
             connections |= {(f"e{i}", str(lane), following, str(lane)) for lane in open_lanes}
-            s_m += length_m
+            ends_m[f"e{i}"] = s_m = s_m + length_m
         require_network(network, lanes, connections, name)
         road = Road(s_m, self.lane_width_m, self.open_lanes)
-        return Layout(road, {"loop": tuple(f"e{i}" for i in range(EDGES))}, positions)
+        return Layout(road, {"loop": tuple(ends_m)}, positions, ends_m)
 
     def traffic(self) -> ET.Element:
         """Return SUMO's route file with the demo vehicles, which drive around the loop."""

@@ -126,7 +126,8 @@ class OpenDescription(RoadDescription):
                 lanes[f"{edge.id}_{index}"] = NetworkLane(*size, limit_m_s, further or {})
                 positions[f"{edge.id}_{index}"] = lane, edge.begin_m
         require_network(network, lanes, _connections(plan), name)
-        return Layout(plan.road, plan.routes, positions, plan.start)
+        ends_m = {edge.id: edge.end_m for edge in plan.edges}
+        return Layout(plan.road, plan.routes, positions, ends_m, plan.start)
 
     def traffic(self) -> ET.Element:
         """Return SUMO's route file: the vehicles that the scenario places, or inflow and ego."""

@@ -16,8 +16,6 @@ from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.road.vehicle_types import AS_WRITTEN
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.imported.description import ImportedDescription
-from drl_av.scenarios.layout import split_long_edges
-from drl_av.scenarios.open_road import OpenDescription
 from drl_av.simulation.population import (
     ARRAYS,
     DECISIONS_AT_ONCE,
@@ -121,20 +119,12 @@ def net_of(scenario: Scenario, config: Config) -> Net:
 
 def edges_of(scenario: Scenario) -> tuple[list[str], FloatArray, FloatArray, IntArray]:
     """Return the names of the edges of the traffic's route, begins, lengths and first lanes."""
-    description = scenario.description
-    if isinstance(description, OpenDescription):
-        plan = split_long_edges(description.plan())
-        by_id, names = {edge.id: edge for edge in plan.edges}, [*next(iter(plan.routes.values()))]
-        route = [by_id[name] for name in names]
-        begins_m, ends_m = np.array([(edge.begin_m, edge.end_m) for edge in route]).T
-        first_lanes = np.array([edge.lanes[0] for edge in route])
-    else:
-        names = [*next(iter(scenario.layout.routes.values()))]
-        lanes = scenario.layout.lane_positions.values()
-        begins_m = np.unique([begin_m for _, begin_m in lanes])
-        ends_m = np.append(begins_m[1:], float(scenario.road.lap_m))
-        first_lanes = np.zeros(len(begins_m), np.int64)
-    return names, np.ascontiguousarray(begins_m), ends_m - begins_m, first_lanes
+    layout = scenario.layout
+    names = [*next(iter(layout.routes.values()))]
+    starts = [layout.lane_positions[f"{name}_0"] for name in names]
+    first_lanes, begins_m = map(np.array, zip(*starts, strict=True))
+    ends_m = np.array([layout.edge_ends_m[name] for name in names])
+    return names, begins_m, ends_m - begins_m, first_lanes
 
 
 def strips_of(scenario: Scenario) -> int:
