@@ -23,8 +23,6 @@ from drl_av.simulation.population import (
     Population,
     draw_driver_models,
     draw_population,
-    require_speed_limit,
-    require_truck_width,
 )
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
@@ -95,9 +93,6 @@ def net_of(scenario: Scenario, config: Config) -> Net:
         ConfigError: the twin cannot drive on this road or with this traffic.
     """
     require_supported(scenario, config)
-    for kind in config.per_traffic_preset:
-        require_speed_limit(kind, scenario.description)
-        require_truck_width(kind, scenario.description)
     road, start = scenario.road, scenario.layout.start
     names, begins_m, lengths_m, first_lanes = edges_of(scenario)
     by_rank = np.argsort(names, kind="stable")
