@@ -13,10 +13,8 @@ from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.population import (
     DriverModel,
     Population,
-    StartPositions,
     draw_driver_models,
-    draw_trucks,
-    with_drivers,
+    draw_drivers,
 )
 from drl_av.twin.traffic import GAIN, RIGHT_RELUCTANCE
 from drl_av.twin.worlds import (
@@ -78,7 +76,9 @@ class Beliefs:
     def __init__(self, rng: np.random.Generator, scenario: Scenario, config: Config) -> None:
         self._car_m, traffic = scenario.vehicle_types.traffic.length_m, config.traffic
         self._truck_m, self._rng = traffic.truck_length_m, rng
-        self._drawn, self._models = draw_guesses(rng, config)
+        self._drawn = draw_drivers(rng, GUESSES, traffic, config.ego)
+        models = draw_driver_models(int(rng.integers(2**31)), GUESSES + 1, traffic)
+        self._models = models[1:].astype(np.int64)
         drawn = self._drawn.desired_speed_m_s, self._drawn.headway_s, self._drawn.acceleration_m_s2
         self._logs = np.log(np.stack(drawn, axis=1))
         self._bounds = self._logs.min(axis=0), self._logs.max(axis=0)
@@ -183,14 +183,3 @@ class Beliefs:
 
     def _is_truck(self, length_m: FloatArray) -> npt.NDArray[np.bool_]:
         return abs(length_m - self._truck_m) < abs(length_m - self._car_m)
-
-
-def draw_guesses(rng: np.random.Generator, config: Config) -> tuple[Population, IntArray]:
-    """Draw the parameters of ``GUESSES`` drivers of a kind of traffic, and their models."""
-    n, traffic, streams = GUESSES + 1, config.traffic, rng.spawn(2)
-    lane, free_m = np.zeros(n, np.intp), np.full(n, np.inf)
-    nowhere = StartPositions(lane, np.zeros(n), free_m, lane)
-    is_truck = draw_trucks(streams[1], n, traffic)
-    drawn = with_drivers(rng, streams, nowhere, is_truck, traffic, config.ego)
-    models = draw_driver_models(int(rng.integers(2**31)), n, traffic).astype(np.int64)
-    return drawn.rows(range(1, n)), models[1:]

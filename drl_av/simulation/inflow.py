@@ -6,7 +6,6 @@ from copy import copy, deepcopy
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drl_av.compiled import borrowing
 from drl_av.config import EgoConfig, TrafficConfig
@@ -20,7 +19,7 @@ from drl_av.scenarios.road_description import MOST_VEHICLES
 from drl_av.simulation.population import (
     COMFORTABLE_BRAKING_M_S2,
     Population,
-    StartPositions,
+    draw_drivers,
     draw_trucks,
     pitches_m,
     ring_places,
@@ -254,12 +253,8 @@ class Inflow:
 
     def _drawn(self) -> list[Driver]:
         """Draw ``SUPPLY`` drivers, of which the last one comes first."""
-        n, streams = SUPPLY + 1, self._rng.spawn(2)  # there is a row for the ego
-        zeros: npt.NDArray[np.intp] = np.zeros(n, dtype=np.intp)
-        places = StartPositions(zeros, np.zeros(n), np.full(n, np.inf), np.arange(n))
-        is_truck = draw_trucks(streams[1], n, self._traffic)
-        drawn = with_drivers(self._rng, streams, places, is_truck, self._traffic, self._ego)
-        columns = (getattr(drawn, name)[:0:-1].tolist() for name in Driver._fields)
+        drawn = draw_drivers(self._rng, SUPPLY, self._traffic, self._ego)
+        columns = (getattr(drawn, name)[::-1].tolist() for name in Driver._fields)
         return [*map(Driver, *columns)]
 
 

@@ -302,6 +302,16 @@ def with_drivers(
     )
 
 
+def draw_drivers(
+    rng: np.random.Generator, n: int, traffic: TrafficConfig, ego: EgoConfig
+) -> Population:
+    """Draw ``n`` drivers besides the ego's, with random parameters and without positions."""
+    zeros, streams = np.zeros(n + 1, np.intp), rng.spawn(2)  # there is a row for the ego
+    nowhere = StartPositions(zeros, np.zeros(n + 1), np.full(n + 1, np.inf), zeros)
+    is_truck = draw_trucks(streams[1], n + 1, traffic)
+    return with_drivers(rng, streams, nowhere, is_truck, traffic, ego).rows(range(1, n + 1))
+
+
 @lru_cache
 def _vehicle_ids(n: int) -> tuple[str, ...]:
     return EGO_ID, *(f"vehicle{i}" for i in range(1, n))
