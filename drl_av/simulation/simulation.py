@@ -307,32 +307,20 @@ class Simulation:
         """Send the ego's next position and speed to SUMO; return False if it leaves the lanes."""
         if self._ego_lateral_speed_m_s is None:
             return True
-        vehicle = self._sumo.vehicle
-        changes = command.y_m != self._ego_y_m
-        if (changes or self.road.partial_lanes) and not self._stays_on_its_lanes(command):
+        vehicle, changes = self._sumo.vehicle, command.y_m != self._ego_y_m
+        front_m = 0.0 if self.road.is_loop else self._front_m(command)
+        body = command.y_m, float(self.fleet.width_m[EGO]), front_m
+        if (changes or self.road.partial_lanes) and not holds(*body, self.road):
             return False
         if changes:
             vehicle.changeSublane(EGO_ID, command.y_m - self._states.position(EGO)[1])
             self._ego_y_m = command.y_m
-        if self.road.exit_m < math.inf and self._misses_exit(command):
+        # SUMO stops a vehicle at the end of an edge from which its lane does not follow its route
+        if self.road.misses_exit(self.road.lane_of(command.y_m), front_m):
             vehicle.setRouteID(EGO_ID, next(iter(self.scenario.layout.routes)))
         vehicle.setSpeed(EGO_ID, command.speed_m_s)
         self._ego_lateral_speed_m_s = command.lateral_speed_m_s
         return True
-
-    def _stays_on_its_lanes(self, command: Command) -> bool:
-        """Return whether the ego stays on open lanes if it executes the command."""
-        width_m = float(self.fleet.width_m[EGO])
-        if not self.road.partial_lanes:
-            return holds(command.y_m, width_m, 0.0, self.road)
-        return holds(command.y_m, width_m, self._front_m(command), self.road)
-
-    def _misses_exit(self, command: Command) -> bool:
-        """Return whether the ego passes its exit in the next step in another lane.
-
-        SUMO stops a vehicle at the end of an edge from which its lane does not follow its route.
-        """
-        return self.road.misses_exit(self.road.lane_of(command.y_m), self._front_m(command))
 
     def _front_m(self, command: Command) -> float:
         """Return the position of the ego's front bumper after the next step."""
