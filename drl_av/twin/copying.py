@@ -91,7 +91,9 @@ def copy_scene(
             z[REQUEST_END, row] = steps
             is_bound = steps >= 0 or z[ON_REQUEST_ONLY, row]
             if snapshot.lateral_speed_m_s[row] and is_bound:
-                rest_m = rest_of_change(lane, aside_m, width_m, target, net)
+                least_m = 0.5 * net.lane_m - 0.5 * (width_m + EPS)  # until wholly in the target
+                away_m = (target - lane) * net.lane_m - aside_m
+                rest_m = math.copysign(max(abs(away_m) - least_m, 0.0), away_m)
                 x[MANEUVER_M, row], x[COMMANDED_M, row] = rest_m, rest_m
     rests = (x[ASIDE_M] != 0.0) & (x[LATERAL_SPEED_M_S] == 0.0)
     x[GAIN_LEFT], x[GAIN_RIGHT] = (
@@ -100,13 +102,6 @@ def copy_scene(
     )
     sort_and_activate(world, net)
     advise_all(world, net)
-
-
-def rest_of_change(lane: int, aside_m: float, width_m: float, target: int, net: Net) -> float:
-    """Return the lateral distance left until a body is wholly in its target lane, left positive."""
-    least_m = 0.5 * net.lane_m - 0.5 * (width_m + EPS)  # from the centre of the target lane
-    away_m = (target - lane) * net.lane_m - aside_m
-    return math.copysign(max(abs(away_m) - least_m, 0.0), away_m)
 
 
 def advise_all(world: World, net: Net) -> None:

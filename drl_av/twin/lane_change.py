@@ -102,20 +102,14 @@ def change_lanes(world: World, net: Net, road: RoadNumbers, ego_y_m: float) -> N
             if i == 0:
                 if not net.is_loop:
                     ask_for_ego(world, net, road, k, ego_y_m)
-                place_ego(world, net, ego_y_m)
+                was_m = z[LANE, 0] * net.lane_m + world.x[ASIDE_M, 0]
+                shift(world, net, 0, ego_y_m - was_m)
             elif needs_thought(world, net, k):
                 change_lane(world, net, k)
             elif z[PREVIOUS_STATE, i] != SUBLANE | STAY:
                 settle(world, i)
     if near[HAS_CHANGED]:
         activate(world, strips_with_vehicles(world, net))
-
-
-@inlined
-def place_ego(world: World, net: Net, y_m: float) -> None:
-    """Move the ego sideways to ``y_m``."""
-    was_m = world.z[LANE, 0] * net.lane_m + world.x[ASIDE_M, 0]
-    shift(world, net, 0, y_m - was_m)
 
 
 @borrowing

@@ -130,23 +130,13 @@ def next_speed(world: World, net: Net, i: int) -> float:
     is_left = request == LEFT_TO_SUMO
     if not is_left:
         planned = max(least, min(request, planned))
-    x[CHOSEN_M_S, i] = with_advice(world, i, planned, least)
+    chosen, state = planned, world.z[STATE, i]
+    if x[ADVICE_M_S, i] <= planned:
+        chosen = x[ADVICE_M_S, i]
+    elif state & WANTS and state & BLOCKED and state & COOPERATIVE and state & BLOCKED_BY_LEADER:
+        chosen = (least + planned) / 2
+    x[CHOSEN_M_S, i] = chosen  # for the lane changes around, also where the speed is requested
     return x[CHOSEN_M_S, i] if is_left else planned
-
-
-@inlined
-def with_advice(world: World, i: int, planned: float, least: float) -> float:
-    """Return the speed that a vehicle chooses for the lane changes around; ``least`` is possible.
-
-    Where the speed is requested, the vehicle does not follow this choice.
-    """
-    advice = world.x[ADVICE_M_S, i]
-    if advice <= planned:
-        return advice
-    state = world.z[STATE, i]
-    if state & WANTS and state & BLOCKED and state & COOPERATIVE and state & BLOCKED_BY_LEADER:
-        return (least + planned) / 2
-    return planned
 
 
 @inlined
