@@ -92,7 +92,8 @@ def scenario(options: argparse.Namespace) -> int:
 
 def _described(options: argparse.Namespace) -> RoadDescription | None:
     """Return the description that ``--from`` names; raise ScenarioError if it has another kind."""
-    from drl_av.scenarios.folder import find_description, read_description
+    from drl_av.scenarios.folder import find_scenario, read_description
+    from drl_av.scenarios.folder_files import DESCRIPTION_FILE
 
     kind = options.kind
     if kind is not None and kind not in ROAD_TYPES:
@@ -102,7 +103,10 @@ def _described(options: argparse.Namespace) -> RoadDescription | None:
     source, *others = options.source
     if others:
         raise ScenarioError(f"--from is given {len(others) + 1} times: name one description.")
-    described = read_description(find_description(source), "correct the path or the file")
+    path = Path(source)
+    if path.suffix != ".toml" and (path.is_dir() or not path.exists()):
+        path = find_scenario(source) / DESCRIPTION_FILE
+    described = read_description(path, "correct the path or the file")
     if kind not in (None, road_type_name(described)):
         raise ScenarioError(
             f"{source} describes a scenario of the kind {road_type_name(described)}, and --kind is "

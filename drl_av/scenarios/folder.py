@@ -351,20 +351,6 @@ def summary_of(name_or_path: str) -> str:
     return read_description(find_scenario(name_or_path) / folder_files.DESCRIPTION_FILE).summary
 
 
-def find_description(name_or_path: str) -> Path:
-    """Return the TOML file that describes a scenario.
-
-    ``name_or_path`` is the path of this file or of its folder, or the name of a shipped scenario.
-
-    Raises:
-        ScenarioError: ``name_or_path`` is none of these.
-    """
-    path = Path(name_or_path)
-    if path.suffix == ".toml" or (path.exists() and not path.is_dir()):
-        return path
-    return find_scenario(name_or_path) / folder_files.DESCRIPTION_FILE
-
-
 def _text(path: Path, remedy: str = WRITE_AGAIN) -> str:
     """Return the text of a UTF-8 file; a ScenarioError ends with the advice ``remedy``."""
     try:

@@ -21,7 +21,6 @@ from drl_av.simulation.population import (
     Population,
     draw_drivers,
     draw_trucks,
-    pitches_m,
     ring_places,
     with_drivers,
 )
@@ -81,7 +80,7 @@ def draw_open_population(
     lane = np.array(start.lanes)[rng.permutation(n) % len(start.lanes)]
     if start.ego_lane is not None:
         lane[0] = start.ego_lane
-    pitch_m = pitches_m(is_truck, length_m, traffic)
+    pitch_m = np.where(is_truck, traffic.truck_length_m, length_m) + traffic.start_gap_m
     first_m = traffic.longest_m(length_m)  # so that the rear of each vehicle is on the road too
     ring_m = start.span_m - first_m
     places = ring_places(rng, lane, ring_m, pitch_m, traffic.start_gap_m)
@@ -219,7 +218,8 @@ class Inflow:
         """
         driver = self._waiting.get(lane)
         if driver is None:
-            driver = self._waiting[lane] = self._next()
+            self._supply = self._supply or self._drawn()
+            driver = self._waiting[lane] = self._supply.pop()
         front_m = self._traffic.truck_length_m if driver.is_truck else self._length_m
         gap_m = last.rear_m - front_m
         if gap_m < self._traffic.start_gap_m:
@@ -244,12 +244,6 @@ class Inflow:
                 if due_s > time_s:
                     inflow._due_s[lane] = time_s + rng.random() * inflow._headway_s()
         return inflow
-
-    def _next(self) -> Driver:
-        """Return the driver of the next vehicle, with random parameters."""
-        if not self._supply:
-            self._supply = self._drawn()
-        return self._supply.pop()
 
     def _drawn(self) -> list[Driver]:
         """Draw ``SUPPLY`` drivers, of which the last one comes first."""

@@ -240,20 +240,13 @@ def draw_population(
     streams = rng.spawn(2) if is_mixed else (rng, rng)  # else no driver draws from them
     is_truck = draw_trucks(streams[1], n, traffic)
     lane = random_lanes(rng, n, road, room, traffic.lane_evenness)
-    pitch_m = pitches_m(is_truck, length_m, traffic)
+    pitch_m = np.where(is_truck, traffic.truck_length_m, length_m) + traffic.start_gap_m
     ring_m = min(road.lap_m, 2 * SPREAD_M)
     places = ring_places(rng, lane, ring_m, pitch_m, traffic.start_gap_m)
     around_ego = (places.front_m - places.front_m[0] + ring_m / 2) % ring_m - ring_m / 2
     start_m = rng.uniform(0, road.lap_m)
     places = places._replace(front_m=(start_m + around_ego) % road.lap_m)
     return with_drivers(rng, streams, places, is_truck, traffic, ego)
-
-
-def pitches_m(
-    is_truck: npt.NDArray[np.bool_], length_m: float, traffic: TrafficConfig
-) -> FloatArray:
-    """Return the length of each vehicle plus the smallest gap at the start, metres, shape (n,)."""
-    return np.where(is_truck, traffic.truck_length_m, length_m) + traffic.start_gap_m
 
 
 def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:

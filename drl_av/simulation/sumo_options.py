@@ -30,7 +30,7 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
             f"sumo_options is {given!r}, but must be a text, such as '--fcd-output fcd.xml', or a "
             "list of texts."
         )
-    parted = [part for word in words for part in _parted(word)]
+    parted = [part for word in words for part in word.split("=", word.startswith("--"))]
     for name in (word.lstrip("-") for word in parted if word.startswith("-")):
         if name in ("r", "route-files"):
             raise ConfigError(
@@ -118,10 +118,6 @@ def _elements(words: Sequence[str]) -> Iterator[tuple[str, ET.Element]]:
         with suppress(ScenarioError):
             for each in parse_xml(Path(name.strip()), ET.TreeBuilder(), "").iter():
                 yield name.strip(), each
-
-
-def _parted(word: str) -> list[str]:
-    return word.split("=", 1) if word.startswith("--") else [word]
 
 
 def start_arguments(

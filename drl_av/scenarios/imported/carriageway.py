@@ -7,7 +7,7 @@ from typing import NamedTuple
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import PartialLane
 from drl_av.scenarios.highways import AFTER_M
-from drl_av.scenarios.imported.route import Route, Section
+from drl_av.scenarios.imported.route import Route, Section, shifted
 
 SHORTEST_EXIT_LANE_M = 50.0
 """Smallest length of the lane that leads to an exit (ours), as in the kind ``exit``."""
@@ -144,8 +144,8 @@ def _moved(section: Section, lanes: int) -> Section:
             part._replace(attributes={lane + lanes: kept for lane, kept in part.attributes.items()})
             for part in section.parts
         ),
-        lanes=range(section.lanes.start + lanes, section.lanes.stop + lanes),
-        leading_on=range(section.leading_on.start + lanes, section.leading_on.stop + lanes),
+        lanes=shifted(section.lanes, lanes),
+        leading_on=shifted(section.leading_on, lanes),
         leading_away=frozenset(lane + lanes for lane in section.leading_away),
     )
 

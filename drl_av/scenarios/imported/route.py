@@ -177,8 +177,8 @@ def _sections(
                 begin_m,
                 end_m,
                 tuple(parts),
-                _shifted(lanes, first),
-                _shifted(on, first),
+                shifted(lanes, first),
+                shifted(on, first),
                 frozenset(first + lane for lane in step.leading_away),
                 step.joining,
                 step.leaving,
@@ -190,7 +190,8 @@ def _sections(
     return sections
 
 
-def _shifted(lanes: range, by: int) -> range:
+def shifted(lanes: range, by: int) -> range:
+    """Return the indices of lanes that lie ``by`` lanes further to the left."""
     return range(lanes.start + by, lanes.stop + by)
 
 
