@@ -77,7 +77,7 @@ class Episodes(NamedTuple):
     heading_rad: FloatArray
     """Shape (worlds,)."""
     events: IntArray
-    """Shape (worlds, most events, 3): the random events, as in ``Drawn``."""
+    """Shape (worlds, most events, 3): the random events, as in ``draw_events``."""
     next_event: IntArray
     """Shape (worlds, 2): the number of the next random event, and of all of them."""
     decisions: IntArray

@@ -358,7 +358,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if "vehicles" not in given:
             require_range(self.config.traffic, self._fleets)
         begun = [self._drawn(row, seeds[row] if seeds else None, given) for row in rows.tolist()]
-        self.make_room(max((len(one.traffic.driver_models) for one in begun), default=0), 0)
+        self.make_room(max((len(one.fleet.ids) for one in begun), default=0), 0)
         for row, one in zip(rows.tolist(), begun, strict=True):
             self._generators[row], self.seeds[row] = one.generator, one.seed
             self._place(row, one)

@@ -1,6 +1,5 @@
 """The arrays of many worlds of the twin: the worlds decide, and their scenes are read."""
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.population import ARRAYS, Population
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
-from drl_av.twin.traffic import Drawn, draw_traffic, exchange, place_vehicles, sizes_of
+from drl_av.twin.traffic import draw_events, exchange, place_vehicles, sizes_of
 from drl_av.twin.worlds import (
     COUNT,
     STEP,
@@ -42,9 +41,10 @@ class Begun(NamedTuple):
     generator: np.random.Generator
     """What draws the next seed."""
     seed: int
-    traffic: Drawn
-    fleet: Fleet | None
-    """The vehicles of an open road, and its inflow."""
+    fleet: Fleet
+    """Its vehicles, on an open road with the inflow."""
+    events: IntArray
+    """What happens at random on a loop, as in ``draw_events``."""
 
 
 class WorldArrays:
@@ -102,26 +102,26 @@ class WorldArrays:
             return self.open.fleets[row].ids
         return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
 
-    def _draw(self, seed: int, vehicles: int) -> tuple[Drawn, Fleet | None]:
-        """Draw the traffic of an episode, with its inflow on an open road.
+    def _draw(self, seed: int, vehicles: int) -> tuple[Fleet, IntArray]:
+        """Draw the fleet and the events of an episode, as ``Begun`` has them.
 
         Raises ScenarioError if the vehicles do not fit on the road.
         """
-        kinds, timing = self.config.per_traffic_preset, self.config.simulation
+        fleet = copy(self._fleets[kind_of_traffic(seed, len(self._fleets))])
+        fleet.draw(seed, vehicles)
         if self.open is not None:
-            return self.open.draw(seed, vehicles, kinds)
-        most = timing.decisions_per_episode
-        return draw_traffic(seed, vehicles, self._scenario, kinds, most), None
+            return fleet, NO_EVENTS
+        return fleet, draw_events(seed, fleet, self.config.simulation.decisions_per_episode)
 
     def _place(self, row: int, begun: Begun) -> None:
         """Place the vehicles of an episode in a world."""
-        traffic = begun.traffic
-        self.vehicles[row] = len(traffic.driver_models) - 1
-        if self.open is not None and begun.fleet is not None:
-            self.open.fleets[row] = begun.fleet
-        of_it = traffic.population, traffic.driver_models, self._scenario, traffic.config
+        fleet = begun.fleet
+        self.vehicles[row] = len(fleet.ids) - 1
+        if self.open is not None:
+            self.open.fleets[row] = fleet
+        of_it = fleet.population, fleet.driver_models, self._scenario, fleet.config
         place_vehicles(self.world(row), self.task.net, *of_it)
-        self._set_events(row, traffic.events)
+        self._set_events(row, begun.events)
 
     def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
         """Set the random events of a world that are to come."""
@@ -236,13 +236,6 @@ class OpenWorlds:
     def misses_exit(self, row: int, now: Indicators) -> bool:
         """Return whether the ego of a world has passed its exit without taking it."""
         return self.routes[row].misses_exit(now)
-
-    def draw(self, seed: int, vehicles: int, kinds: Sequence[Config]) -> tuple[Drawn, Fleet]:
-        """Draw the traffic of an episode, as ``draw_traffic`` does on a loop."""
-        config = kinds[kind_of_traffic(seed, len(kinds))]
-        fleet = Fleet(self._scenario, config)
-        fleet.draw(seed, vehicles)
-        return Drawn(config, fleet.population, fleet.driver_models, NO_EVENTS), fleet
 
     def copied(self, row: int, count: int, seed: int | None, time_s: float) -> "OpenWorlds":
         """Return ``count`` copies of a world; what happens in copy i is drawn with ``seed`` + i.

@@ -1,7 +1,7 @@
 """The vehicles of an episode: those at the start, and those that enter and leave an open road."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from copy import copy, deepcopy
 from dataclasses import replace
 from itertools import chain, islice, repeat
@@ -58,6 +58,10 @@ class Fleet:
     """The id of the vehicle type of each vehicle."""
     length_m: FloatArray
     width_m: FloatArray
+    rng: np.random.Generator
+    """What draws the random lane changes of the episode."""
+    chance: float
+    """The probability that a vehicle requests one at a decision."""
 
     def __init__(self, scenario: Scenario, config: Config) -> None:
         require_speed_limit(config, scenario.description, bool(scenario.road.speed_limits))
@@ -150,15 +154,15 @@ class Fleet:
             self._describe(draw_open_population(rng, vehicles, *its))
             self._inflow = Inflow(rng.spawn(1)[0], vehicles, *its)
         rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
-        self._rng, self._chance = rng, rate
+        self.rng, self.chance = rng, rate
         if self._inflow is None:
             self._lane_changes = random_lane_changes(rng, len(self.ids), rate)
         self.driver_models = draw_driver_models(seed, len(self.ids), config.traffic)
 
     def _random_lane_changes(self) -> list[tuple[int, int]]:
         """Return random lane changes, like those of ``population``, of the present vehicles."""
-        draws = self._rng.random((2, len(self.ids)))
-        rows = np.flatnonzero(draws[0] < self._chance).tolist()
+        draws = self.rng.random((2, len(self.ids)))
+        rows = np.flatnonzero(draws[0] < self.chance).tolist()
         return [(row, 1 if draws[1, row] < 0.5 else -1) for row in rows if row != EGO]
 
     @property
@@ -175,7 +179,7 @@ class Fleet:
         """
         fleet = copy(self)
         fleet._entered, fleet._types = [*self._entered], repeat("traffic")
-        fleet._rng = deepcopy(self._rng) if rng is None else rng
+        fleet.rng = deepcopy(self.rng) if rng is None else rng
         if self._inflow is not None:
             inflow_rng = None if rng is None else rng.spawn(1)[0]
             fleet._inflow = self._inflow.copied(inflow_rng, time_s)
@@ -320,12 +324,10 @@ class Fleet:
             acceleration_m_s2=acceleration,
         )
 
-    def _sizes_m(self, type_ids: Sequence[str], is_truck: Iterable[bool]) -> FloatArray:
-        """Return the lengths and the widths of vehicles, metres, shape (2, n)."""
-        types, traffic = self._size_of, self.config.traffic
-        truck_m = traffic.truck_length_m, traffic.truck_width_m
-        sizes_m = [
-            truck_m if truck else (types[name].length_m, types[name].width_m)
-            for name, truck in zip(type_ids, is_truck, strict=True)
-        ]
-        return np.array(sizes_m).reshape(-1, 2).T.copy()
+    def _sizes_m(
+        self, type_ids: Sequence[str], is_truck: npt.NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the lengths and the widths of vehicles, metres, each of shape (n,)."""
+        types, traffic = [self._size_of[name] for name in type_ids], self.config.traffic
+        length_m = np.where(is_truck, traffic.truck_length_m, [each.length_m for each in types])
+        return length_m, np.where(is_truck, traffic.truck_width_m, [each.width_m for each in types])

@@ -53,7 +53,7 @@ def drive_traffic(
 
 @borrowing
 def happen(world: World, net: Net, i: int, event: int) -> None:
-    """Let an event of ``Drawn`` happen to a vehicle."""
+    """Let an event of ``draw_events`` happen to a vehicle."""
     if abs(event) == 1:
         request_change(world, net, i, event, REQUEST_STEPS)
     elif world.z[BRAKING, i] == 0:

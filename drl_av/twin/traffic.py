@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,17 +12,16 @@ from drl_av.config import Config
 from drl_av.drivers.background.finite_state import HardBraking
 from drl_av.drivers.background.traffic import in_order
 from drl_av.errors import ConfigError
-from drl_av.random_streams import Stream, generator, kind_of_traffic
+from drl_av.random_streams import Stream, generator
 from drl_av.road.vehicle_types import AS_WRITTEN
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.imported.description import ImportedDescription
+from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.population import (
     ARRAYS,
     DECISIONS_AT_ONCE,
     DriverModel,
     Population,
-    draw_driver_models,
-    draw_population,
 )
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.active_lanes import activate, strips_with_vehicles
@@ -179,43 +178,23 @@ def require_supported(scenario: Scenario, config: Config) -> None:
             raise ConfigError(f"The twin does not know {what}: {IN_SUMO}.")
 
 
-class Drawn(NamedTuple):
-    """The vehicles of an episode and what they do at random."""
+def draw_events(seed: int, fleet: Fleet, decisions: int) -> IntArray:
+    """Draw what the vehicles of a loop do at random, as in SUMO with the same seed.
 
-    config: Config
-    """The settings, with the episode's kind of traffic."""
-    population: Population
-    driver_models: IntArray
-    """The ``DriverModel`` of each vehicle, shape (1 + N,)."""
-    events: IntArray
-    """Decision, row and event, shape (events, 3), in the order of the decisions. An event is a lane
-    change, +1 to the left or -1 to the right, or 1 + the decisions of a hard braking."""
+    ``fleet`` has just drawn the episode.
 
-
-def draw_traffic(
-    seed: int, vehicles: int, scenario: Scenario, kinds: Sequence[Config], decisions: int
-) -> Drawn:
-    """Draw the traffic of an episode in SUMO with the same seed and number of vehicles.
-
-    ``kinds`` has a config for each kind of traffic that the episode may have.
-
-    Raises:
-        ScenarioError: the vehicles do not fit on the road.
+    Returns:
+        Decision, row and event, shape (events, 3), in the order of the decisions. An event is a
+        lane change, +1 to the left or -1 to the right, or 1 + the decisions of a hard braking.
     """
-    config = kinds[kind_of_traffic(seed, len(kinds))]
-    rng, traffic = np.random.default_rng(seed), config.traffic
-    length_m = scenario.description.vehicle_length_m
-    population = draw_population(rng, vehicles, scenario.road, length_m, traffic, config.ego)
-    driver_models = draw_driver_models(seed, vehicles + 1, traffic).astype(np.int64)
-    chance = traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
-    found = [hard_brakings(seed, driver_models, config, 0, decisions)]
+    found = [hard_brakings(seed, fleet.driver_models, fleet.config, 0, decisions)]
     for first in range(0, decisions, DECISIONS_AT_ONCE):
-        draws = rng.random((min(DECISIONS_AT_ONCE, decisions - first), 2, vehicles + 1))
-        below = np.unravel_index(np.flatnonzero(draws < chance), draws.shape)
-        decision, _, row = (where[(below[1] == 0) & (below[2] != 0)] for where in below)
+        draws = fleet.rng.random((min(DECISIONS_AT_ONCE, decisions - first), 2, len(fleet.ids)))
+        below = np.flatnonzero(draws[:, 0] < fleet.chance)
+        decision, row = np.divmod(below[below % len(fleet.ids) > 0], len(fleet.ids))
         side = np.where(draws[decision, 1, row] < 0.5, 1, -1)
         found.append(np.stack((decision + first, row, side), axis=1))
-    return Drawn(config, population, driver_models, in_order_of_decisions(found))
+    return in_order_of_decisions(found)
 
 
 def draw_future(
@@ -223,7 +202,7 @@ def draw_future(
 ) -> IntArray:
     """Draw the events of ``decisions`` decisions from ``first`` on, as they occur.
 
-    They have the form and the distribution of those of ``draw_traffic``.
+    They have the form and the distribution of those of ``draw_events``.
     """
     rng, vehicles = generator(seed, Stream.FORKS), len(driver_models) - 1
     chance = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
@@ -243,7 +222,7 @@ def hard_brakings(
     seed: int, driver_models: IntArray, config: Config, first: int, decisions: int
 ) -> IntArray:
     """Return the events in which vehicles are to begin to brake hard, from ``first`` on."""
-    if not driver_models.any():  # a generator takes as long to make as to use
+    if DriverModel.HARD_BRAKING not in driver_models:  # a generator takes long to make
         return np.empty((0, 3), np.int64)
     begun = HardBraking(seed, driver_models, config).begun(decisions)
     event = np.full(len(begun), 1 + config.traffic.hard_brake_s)
