@@ -11,7 +11,7 @@ import numpy.typing as npt
 import drl_av
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
-from drl_av.evaluation.statistics import Speed, paired, summarize
+from drl_av.evaluation.statistics import paired, summarize
 
 OTHERS = ("pretrained", "idm-mobil")
 
@@ -37,8 +37,7 @@ def main(episodes: int = 20) -> None:
             f"{summary.vehicles} vehicles, {summary.driver}: {summary.speed_m_s} m/s, "
             f"hit something in {summary.ego_hits} of {summary.episodes} episodes"
         )
-    speeds = [Speed(row.driver, row.vehicles, row.seed, row.mean_speed_m_s) for row in rows]
-    for gain in paired(speeds, "mine", OTHERS):
+    for gain in paired(rows, "mine", OTHERS):
         print(f"{gain.vehicles} vehicles: {gain.difference_m_s} m/s over {gain.baseline}")
 
 

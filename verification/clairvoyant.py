@@ -18,6 +18,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from copy import deepcopy
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -30,11 +31,12 @@ from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.driving.actions import BRAKE, KEEP, LEFT, RIGHT
 from drl_av.driving.affordances import LANE, IntArray, has_lane
 from drl_av.env.highway import HighwayEnv
+from drl_av.env.metrics import EpisodeResult
 from drl_av.env.rollout import drive
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.evaluation.engines import workers
-from drl_av.evaluation.statistics import Speed, paired
+from drl_av.evaluation.statistics import paired
 from verification.program import Program, run_program
 
 HORIZON = 20
@@ -179,16 +181,18 @@ def policy(name: str, config: Config) -> Policy:
 
 def episode(
     config: Config, base: str, names: Sequence[str], vehicles: int, seed: int
-) -> list[Speed]:
-    """Drive one episode with the search and with each driver; return their mean speeds."""
+) -> list[EpisodeResult]:
+    """Drive one episode with the search and with each driver; return their results.
+
+    Of the search's result only the driver's name, the traffic and the mean speed are its own.
+    """
     twin = TwinVectorEnv(config=config, autoreset_mode=AutoresetMode.DISABLED)
     searched = Search(twin, policy(base, config)).drive(seed, vehicles)
     specs = find_drivers(names)
     drivers = make_drivers(specs, driving_config(specs, config))
     with closing(HighwayEnv(config=config)) as env:
         results = [drive(env, drivers[name], name, seed, vehicles) for name in names]
-    speeds = [Speed(one.driver, vehicles, seed, one.mean_speed_m_s) for one in results]
-    return [Speed(SEARCH, vehicles, seed, searched), *speeds]
+    return [replace(results[0], driver=SEARCH, mean_speed_m_s=searched), *results]
 
 
 def main() -> int:
@@ -204,7 +208,7 @@ def main() -> int:
     config = config.updated("safety", check="strict")
     names = [spec.name for spec in find_drivers(options.driver)]
     seeds = range(SEEDS, SEEDS + options.episodes)
-    speeds: list[Speed] = []
+    rows: list[EpisodeResult] = []
     with workers(options.jobs) as submit:
         futures = [
             submit(episode, config, options.base, names, vehicles, seed)
@@ -212,11 +216,14 @@ def main() -> int:
             for seed in seeds
         ]
         for future in futures:
-            speeds += future.result()
-            print(speeds[-1 - len(names) :], file=sys.stderr, flush=True)
+            rows += future.result()
+            driven = rows[-1 - len(names) :]
+            said = [(row.driver, row.vehicles, row.seed, row.mean_speed_m_s) for row in driven]
+            print(said, file=sys.stderr, flush=True)
     print(f"{'vehicles':>8}  {'driver':<16}{'speed, m/s':>11}  gain of the search, m/s")
-    for gain in paired(speeds, SEARCH, names):
-        own = [one.mean_speed_m_s for one in speeds if one[:2] == (gain.baseline, gain.vehicles)]
+    for gain in paired(rows, SEARCH, names):
+        of = gain.baseline, gain.vehicles
+        own = [row.mean_speed_m_s for row in rows if (row.driver, row.vehicles) == of]
         speed = np.mean(own)
         print(f"{gain.vehicles:>8}  {gain.baseline:<16}{speed:>11.2f}  {gain.difference_m_s}")
     print(parser.made_by())

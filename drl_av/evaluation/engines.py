@@ -229,9 +229,6 @@ def _given_up() -> SimulationError:
 ENGINES: dict[str, Engine] = {LOKY: on_this_machine, RAY: on_ray}
 """The engines by the names that users give."""
 
-
-__all__ = ["BrokenProcessPool", "workers"]
-
 Submit = Callable[..., "Future[Any]"]
 """``submit(function, *arguments)`` returns the future of the result."""
 SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}

@@ -18,7 +18,7 @@ from drl_av.evaluation.aggregates import (
     performance_profile,
     probability_of_improvement,
 )
-from drl_av.files import Row, write_atomic
+from drl_av.files import write_atomic
 from drl_av.road.road import FloatArray
 
 OPTIONAL = ("exits_taken", "merged", "trainings")
@@ -95,15 +95,6 @@ def gain(
     return mean_with_interval(differences, (seed for *_, seed in ours))
 
 
-class Speed(NamedTuple):
-    """The mean speed of one driver in one episode."""
-
-    driver: str
-    vehicles: int
-    seed: int
-    mean_speed_m_s: float
-
-
 class PairedGain(NamedTuple):
     """The gain in mean speed of a driver over a baseline at one number of vehicles."""
 
@@ -116,26 +107,11 @@ class PairedGain(NamedTuple):
     difference_m_s: Mean
     """The driver's speed minus the baseline's in the same traffic; positive if it is faster."""
 
-    def row(self) -> Row:
-        """Return the gain as a row of ``paired.csv``: text values by column."""
-        mean, half = self.difference_m_s
-        return {
-            "vehicles": str(self.vehicles),
-            "driver": self.driver,
-            "baseline": self.baseline,
-            "best": str(self.best),
-            "episodes": str(self.episodes),
-            "difference_m_s": f"{mean:.6g}",
-            "ci95_half_width_m_s": f"{half:.6g}",
-            "lower_m_s": f"{mean - half:.6g}",
-            "upper_m_s": f"{mean + half:.6g}",
-        }
 
-
-def require_distinct(rows: Iterable[Speed | EpisodeResult]) -> None:
+def require_distinct(rows: Iterable[EpisodeResult]) -> None:
     """Raise DrlAvError if a driver drove a seed among as many vehicles twice, or in two worlds."""
     rows = list(rows)
-    if len({row.world for row in rows if isinstance(row, EpisodeResult)}) > 1:
+    if len({row.world for row in rows}) > 1:
         raise DrlAvError(
             "Some of the rows were driven in SUMO and some in the twin: compare the drivers in one "
             "world at a time."
@@ -150,7 +126,7 @@ def require_distinct(rows: Iterable[Speed | EpisodeResult]) -> None:
 
 
 def paired(
-    episodes: Iterable[Speed | EpisodeResult], driver: str, baselines: Sequence[str]
+    episodes: Iterable[EpisodeResult], driver: str, baselines: Sequence[str]
 ) -> list[PairedGain]:
     """Compute the driver's gain in mean speed over each baseline at each number of vehicles.
 
