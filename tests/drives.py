@@ -62,12 +62,6 @@ def traffic_row(driver: str, traffic: str, seed: int, speed: float, hit: bool = 
     }
 
 
-def rows_of(text: str) -> list[Row]:
-    """The rows of a CSV table whose lines are parted by white space."""
-    names, *lines = (line.split(",") for line in text.split())
-    return [dict(zip(names, line, strict=True)) for line in lines]
-
-
 def start(env: HighwayEnv, vehicles: int, seed: int = 0) -> dict[str, Any]:
     return env.reset(seed=seed, options={"vehicles": vehicles})[1]
 

@@ -8,20 +8,22 @@ a line for each failure; the exit status is 1 if there is one.
 """
 
 import contextlib
+import math
 import random
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from drl_av.config import Config, from_toml, load_config
 from drl_av.drivers.policy_file import PRETRAINED, load_policy
+from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
-from drl_av.evaluation.figures import EPISODE_COLUMNS
 from drl_av.evaluation.recording import Recording, load_recording
-from drl_av.evaluation.table import Inputs, ResultTable, order_by
-from drl_av.files import read_table
+from drl_av.evaluation.table import Inputs, ResultTable, order_by, read_results
+from drl_av.files import table_bytes
 from drl_av.scenarios.folder import (
     find_scenario,
     load_scenario,
@@ -42,7 +44,11 @@ from verification.fuzz_runs import checkpoint, command_line
 from verification.program import Program, run_program
 
 ABSURD = (b"nan", b"inf", b"-1", b"1e400", b"9" * 5000, b"\0", b"\xff\xfe", b"[" * 3000, b"'", b"$")
-TABLE = b"driver,vehicles,mean_speed_m_s\nidm,5,20.5\nmine,30,19.25\n"
+RESULT = EpisodeResult(
+    *("idm", "paper", 5, 0, 200, 20.5, -0.3, -0.5, -0.2, 0.0, False, False, "", 4, 2, 1),
+    *(math.inf, 1.5, 0, 0),
+)
+TABLE = table_bytes(EpisodeResult, [RESULT, replace(RESULT, driver="mine")])
 ODD = (b"-1", b"0", b"3.5", b"1e400", b"true", b"'x'", b"[]", b"{a=1}", b"07:32:00", b"9" * 30)
 """TOML values that most settings do not accept."""
 
@@ -139,8 +145,8 @@ def _recording(rng: random.Random, folder: Path) -> None:
 def _table(rng: random.Random, folder: Path) -> None:
     file = folder / "table.csv"
     file.write_bytes(mutated(TABLE, rng))
-    for row in read_table(file, EPISODE_COLUMNS):
-        assert np.isfinite([row["vehicles"], row["mean_speed_m_s"]]).all()
+    for row in read_results(file):
+        assert np.isfinite([row.vehicles, row.mean_speed_m_s]).all()
 
 
 def _description(rng: random.Random, folder: Path) -> None:

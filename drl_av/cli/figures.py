@@ -1,9 +1,7 @@
 """The verb ``figures``: draws the paper's figures from tables and runs."""
 
 import argparse
-import dataclasses
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,14 +9,12 @@ from drl_av.cli.options import add_path
 from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
 from drl_av.drivers.groups import trainings_of
-from drl_av.errors import ConfigError, DrlAvError, pluralize
+from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.figure_style import COLUMNS_IN
 
-UNKNOWN = "unknown"
-"""The check of a row whose table does not name it."""
-
 if TYPE_CHECKING:
+    from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.statistics import PairedGain
 
 
@@ -52,9 +48,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def figures(options: argparse.Namespace) -> int:
     """Draw each figure for which the given sources have data, or ``reward`` without any; return 0.
 
-    Raises ConfigError if a folder is not a run, runs are of two algorithms, tables have an episode
-    of a driver twice or are of different traffic, or ``--out`` has the suffix of another kind of
-    file.
+    Raises DrlAvError if a folder is not a run, runs are of two algorithms, a table is not one of
+    ``drl-av evaluate``, tables have an episode of a driver twice, a driver under two checks or
+    different traffic, or ``--out`` has the suffix of another kind of file.
     """
     from drl_av.evaluation.figure_style import add_title, fit_columns
     from drl_av.evaluation.figures import (
@@ -66,6 +62,8 @@ def figures(options: argparse.Namespace) -> int:
         speed_figure,
     )
     from drl_av.evaluation.recording import load_recording
+    from drl_av.evaluation.statistics import require_distinct
+    from drl_av.evaluation.table import read_results
     from drl_av.evaluation.trajectories import time_space_figure
 
     _require_known_suffix(options.out)
@@ -92,13 +90,12 @@ def figures(options: argparse.Namespace) -> int:
         )
     figures = dict[str, Any]()
     if tables:
-        rows = [row for table in tables for row in _rows_of(table)]
-        _require_distinct(rows)
+        rows = [row for table in tables for row in read_results(table)]
         _require_one_traffic(tables)
-        checks = ((row.get("group") or row["driver"], row["safety_check"]) for row in rows)
-        title = title_of(checks)
+        require_distinct(rows)
+        title = title_of((row.compared_as, row.safety_check) for row in rows)
         figures |= {"mean_speed": speed_figure(rows), "speed_profile": profile_figure(rows)}
-        if gains := _gains(tables):
+        if gains := _gains(rows):
             figures["gain"] = gain_figure(gains)
         for figure in figures.values():
             add_title(figure, title)
@@ -151,50 +148,17 @@ def _save(figures: Mapping[str, Any], out: Path) -> None:
         print(file)
 
 
-def _rows_of(table: Path) -> list[dict[str, Any]]:
-    """Return the columns of a table that figures need; a table may lack all but EPISODE_COLUMNS."""
-    from drl_av.evaluation.figures import EPISODE_COLUMNS
-    from drl_av.files import PlainNumber
+def _gains(rows: "Sequence[EpisodeResult]") -> "Sequence[PairedGain]":
+    """Return the gains over the fastest rule-based driver.
 
-    more = {"seed": PlainNumber, "group": str, "safety_check": str}
-    return [{"safety_check": UNKNOWN, **row} for row in _read(table, EPISODE_COLUMNS, more)]
-
-
-def _read(
-    table: Path, columns: Mapping[str, Any], optional: Mapping[str, Any]
-) -> list[dict[str, Any]]:
-    """Read the columns of a table, by name and type, and those of ``optional`` that it has."""
-    from drl_av.files import read_table
-
-    header = read_table(table)[0].keys()
-    present = {name: kind for name, kind in optional.items() if name in header}
-    return read_table(table, {**columns, **present})
-
-
-def _gains(tables: Iterable[Path]) -> "Sequence[PairedGain]":
-    """Return the gains over the fastest rule-based driver in tables that ``evaluate`` wrote.
-
-    Empty without a rule-based driver and another one, if the drivers did not drive the same traffic
-    (a line says so), or if a table lacks a column that ``evaluate`` writes.
+    Empty without a rule-based driver and another one, or if the drivers did not drive the same
+    traffic, which a line says then.
     """
     from drl_av.drivers.registry import baselines
-    from drl_av.env.metrics import EpisodeResult
     from drl_av.evaluation.statistics import gains_over_fastest
-    from drl_av.files import column_types
 
-    results = list[EpisodeResult]()
-    required = {
-        each.name
-        for each in dataclasses.fields(EpisodeResult)
-        if each.default is dataclasses.MISSING
-    }
-    for table in tables:
-        rows = _read(table, {}, column_types(EpisodeResult))
-        if not required <= rows[0].keys():
-            return []
-        results += [EpisodeResult(**row) for row in rows]
     try:
-        return gains_over_fastest(results, baselines(row.driver for row in results))
+        return gains_over_fastest(rows, baselines(row.driver for row in rows))
     except DrlAvError as error:
         print(f"The gain over the rules is not drawn: {error}")
         return []
@@ -221,27 +185,3 @@ def _require_one_traffic(tables: Sequence[Path]) -> None:
                     f"{first} and {table} are of different traffic ({name} is {its} and {value}): "
                     "draw them apart."
                 )
-
-
-def _require_distinct(rows: Iterable[Mapping[str, Any]]) -> None:
-    """Raise ConfigError if a curve would mix the checks, or repeat the traffic, of one driver.
-
-    Rows without ``seed`` are not examined for their traffic.
-    """
-    rows = list(rows)
-    checks = dict[str, str]()
-    for row in rows:
-        driver, its = row["driver"], row["safety_check"]
-        if its != UNKNOWN and (first := checks.setdefault(driver, its)) != its:
-            raise ConfigError(
-                f"There are rows of {driver} under the checks {first} and {its}, and a curve would "
-                "mix them: draw them apart."
-            )
-    episodes = Counter((r["driver"], r["vehicles"], r["seed"]) for r in rows if "seed" in r)
-    for (driver, vehicles, seed), times in episodes.items():
-        if times > 1:
-            raise ConfigError(
-                f"There are {times} rows of {driver} with seed {seed:g} among "
-                f"{pluralize(int(vehicles), 'vehicle')}, and a curve would mix them: draw the "
-                "rows of one evaluation at a time."
-            )

@@ -4,7 +4,6 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drl_av.config import Config
+from drl_av.env.metrics import EpisodeResult
 from drl_av.env.reward import gap_reward, lateral_reward, speed_reward
 from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import performance_profile
@@ -21,6 +21,7 @@ from drl_av.evaluation.statistics import (
     PairedGain,
     grouped,
     mean_with_interval,
+    scores,
 )
 from drl_av.files import PlainNumber, read_table
 from drl_av.road.road import FloatArray
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-EPISODE_COLUMNS = {"driver": str, "vehicles": PlainNumber, "mean_speed_m_s": PlainNumber}
 EPISODE_REWARDS = {"episode": PlainNumber, "mean_reward": PlainNumber}
 SMOOTHED_OVER = 20
 """Number of training episodes, or of updates of PPO, in the moving mean of a learning curve."""
@@ -183,54 +183,53 @@ def reward_figure(config: Config) -> "Figure":
     return figure
 
 
-def profile_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
+def profile_figure(rows: Sequence[EpisodeResult]) -> "Figure":
     """Draw performance profiles: the share of episodes with a mean speed above v, for each speed v.
 
     Each driver has one curve, over all its numbers of vehicles. That of a group is the mean of its
     trainings, within the band of its 95 % interval.
     """
     figure, axes = one_panel("speed v, m/s", "share of episodes faster than v")
-    thresholds = sorted({0.0, *(row["mean_speed_m_s"] for row in rows)})
-    curves, drivers = {}, _by_label(rows)
-    styles = styles_of(map(_name, drivers))
-    for driver, trainings in drivers.items():
+    thresholds = sorted({0.0, *(row.mean_speed_m_s for row in rows)})
+    curves, drivers = {}, grouped(rows, lambda row: row.compared_as)
+    styles = styles_of(drivers)
+    for name, driven in drivers.items():
         profiles = [
-            performance_profile([np.array([row["mean_speed_m_s"] for row in own])], thresholds)
-            for own in trainings
+            performance_profile([np.array([row.mean_speed_m_s for row in own])], thresholds)
+            for own in grouped(driven, lambda row: row.driver).values()
         ]
         means = [mean_with_interval(shares) for shares in zip(*profiles, strict=True)]
-        color, _ = styles[_name(driver)]
-        style = {"color": color, "drawstyle": "steps-post"}
-        curves[driver] = banded_curve(axes, thresholds, means, (0.0, 1.0), **style)
+        style = {"color": styles[name][0], "drawstyle": "steps-post"}
+        curves[_label(driven)] = banded_curve(axes, thresholds, means, (0.0, 1.0), **style)
     legend_of_names(axes, curves)
     return figure
 
 
-def speed_figure(rows: Sequence[Mapping[str, Any]]) -> "Figure":
+def speed_figure(rows: Sequence[EpisodeResult]) -> "Figure":
     """Draw mean speed against the number of vehicles, with 95 % intervals (Fig. 6 of the paper).
 
     There is one curve for each driver. The intervals are over the episodes; those of a group, which
-    are a band, are over the means of its trainings. The rows need at least the columns ``driver``,
-    ``vehicles`` and ``mean_speed_m_s``; with ``group``, trainings are grouped.
+    are a band, are over the means of its trainings, at the numbers that all of them have.
 
     Raises:
         DrlAvError: there are more than ``MOST_DRIVERS`` drivers.
     """
-    drivers = _by_label(rows)
+    drivers = list(grouped(rows, lambda row: row.compared_as).values())
     if len(drivers) > MOST_DRIVERS:
         raise DrlAvError(
             f"The tables hold {len(drivers)} drivers, but a figure shows at most {MOST_DRIVERS}: "
             "draw some of them."
         )
     means = {}
-    for driver, trainings in drivers.items():
-        cells = [grouped(own, lambda row: int(row["vehicles"])) for own in trainings]
-        means[driver] = [
-            (number, mean_with_interval(_speeds(driver, [cell[number] for cell in cells])))
-            for number in sorted(set.intersection(*({*cell} for cell in cells)))
+    for driven in drivers:
+        cells = grouped(driven, lambda row: row.vehicles)
+        means[_label(driven)] = [
+            (number, mean_with_interval(scores(own, "mean_speed_m_s")))
+            for number, own in sorted(cells.items())
+            if _trainings(own) == _trainings(driven)
         ]
     figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
-    banded = [driver for driver, trainings in drivers.items() if _is_group(driver, trainings)]
+    banded = [_label(driven) for driven in drivers if driven[0].is_training]
     legend_of_names(axes, curves_by_density(axes, means, lowest=0.0, banded=banded))
     return figure
 
@@ -250,31 +249,14 @@ def gain_figure(gains: Iterable[PairedGain]) -> "Figure":
     return figure
 
 
-def _by_label(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[list[Mapping[str, Any]]]]:
-    """Return the rows of each driver by its label; those of a group are apart by training."""
-    labels = {}
-    for name, own in grouped(rows, lambda row: row.get("group") or row["driver"]).items():
-        trainings = grouped(own, itemgetter("driver"))
-        label = name if name in trainings else _of_trainings(name, len(trainings))
-        labels[label] = [*trainings.values()]
-    return labels
+def _label(rows: Sequence[EpisodeResult]) -> str:
+    """Return the name of the driver of these rows, or that of a group with its trainings."""
+    name = rows[0].compared_as
+    return _of_trainings(name, len(_trainings(rows))) if rows[0].is_training else name
 
 
-def _name(label: str) -> str:
-    """Return the name of the driver or group with this label."""
-    return label.partition(", ")[0]
-
-
-def _is_group(label: str, trainings: Sequence[Sequence[Mapping[str, Any]]]) -> bool:
-    return bool(trainings[0][0]["driver"] != label)
-
-
-def _speeds(label: str, trainings: Sequence[Sequence[Mapping[str, Any]]]) -> list[float]:
-    """Return the speed of each episode of a driver, or the mean of each training of a group."""
-    speeds = [[float(row["mean_speed_m_s"]) for row in own] for own in trainings]
-    if _is_group(label, trainings):
-        return [float(np.mean(own)) for own in speeds]
-    return speeds[0]
+def _trainings(rows: Iterable[EpisodeResult]) -> set[str]:
+    return {row.driver for row in rows}
 
 
 def styles_of(drivers: Iterable[str]) -> dict[str, tuple[str, str]]:

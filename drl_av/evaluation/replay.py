@@ -30,11 +30,9 @@ from drl_av.env.rollout import Watcher
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, RecordingError, ScenarioError, printable
 from drl_av.evaluation import PROVENANCE
-from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, record_episode
-from drl_av.evaluation.table import report_corrupt_table, results_of, stored_config
-from drl_av.files import read_table
+from drl_av.evaluation.table import read_results, report_corrupt_table, stored_config
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
@@ -252,10 +250,8 @@ def worst_sessions(
         DrlAvError: the table or the provenance beside it is missing or damaged.
     """
     beside = table.with_suffix(PROVENANCE)
+    results = read_results(table)
     with report_corrupt_table(table):
-        rows = read_table(table)
-        kind = CriticalityResult if rows and "driven_m" in rows[0] else EpisodeResult
-        results = results_of(rows, kind)
         facts = read_provenance(beside, table)
         config = stored_config(facts["settings"], beside.name)
     for name, was in facts.get("custom", {}).items():

@@ -109,13 +109,25 @@ class PairedGain(NamedTuple):
 
 
 def require_distinct(rows: Iterable[EpisodeResult]) -> None:
-    """Raise DrlAvError if a driver drove a seed among as many vehicles twice, or in two worlds."""
+    """Check that episodes can be compared by the names of their drivers.
+
+    Raises:
+        DrlAvError: there are episodes of two worlds, or of one driver under two checks, or a driver
+            drove a seed among as many vehicles twice.
+    """
     rows = list(rows)
     if len({row.world for row in rows}) > 1:
         raise DrlAvError(
             "Some of the rows were driven in SUMO and some in the twin: compare the drivers in one "
             "world at a time."
         )
+    checks = dict[str, str]()
+    for row in rows:
+        if (first := checks.setdefault(row.driver, row.safety_check)) != row.safety_check:
+            raise DrlAvError(
+                f"There are rows of {row.driver} under the checks {first} and {row.safety_check}: "
+                "compare them apart."
+            )
     driven = Counter((row.driver, row.seed, row.vehicles) for row in rows)
     for (driver, seed, vehicles), times in driven.items():
         if times > 1:

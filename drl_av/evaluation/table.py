@@ -13,8 +13,9 @@ from drl_av.config.functions import is_factory, source_digest
 from drl_av.drivers.external import files_of
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import DriverSpec
-from drl_av.env.metrics import EpisodeResult
+from drl_av.env.metrics import USUAL, EpisodeResult
 from drl_av.errors import ConfigError, DrlAvError
+from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import (
     checksum,
     provenance,
@@ -296,6 +297,21 @@ def results_of(rows: Iterable[Row], kind: type[EpisodeResult]) -> list[EpisodeRe
     return [
         kind(**{name: parse_cell(cell, types[name]) for name, cell in row.items()}) for row in rows
     ]
+
+
+def read_results(table: Path) -> list[EpisodeResult]:
+    """Read a table of ``drl-av evaluate``, also with ``--criticality``; ignore other columns.
+
+    Raises:
+        DrlAvError: the table is missing, damaged, or of another kind.
+    """
+    header = read_table(table)[0]
+    kind = CriticalityResult if "driven_m" in header else EpisodeResult
+    names = [name for name in column_types(kind) if name in header or name not in USUAL]
+    rows = read_table(table, dict.fromkeys(names, str))
+    with report_corrupt_table(table):
+        require_values(rows)
+        return results_of(rows, kind)
 
 
 def require_values(rows: Iterable[Row]) -> None:

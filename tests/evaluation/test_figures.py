@@ -1,11 +1,12 @@
 """The figures: what is drawn is what the tables say, each with its interval."""
 
 import re
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import rows_of
+from drives import episode
 from runs import error_message
 
 from drl_av.cli import main
@@ -27,11 +28,18 @@ from drl_av.evaluation.statistics import gains_over_fastest
 from drl_av.evaluation.table import require_values, results_of
 from drl_av.files import read_table, write_table
 
-HEADER = "driver,vehicles,mean_speed_m_s\n"
+
+def write_rows(path: Path, *rows: EpisodeResult) -> None:
+    write_table(path, EpisodeResult, rows)
 
 
 def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
-    rows = rows_of(HEADER + "idm,5,20\nidm,5,22\nidm,30,18\nmine,5,25\nmine,30,19\n")
+    rows = [
+        *(episode("idm", seed, speed) for seed, speed in enumerate((20.0, 22.0))),
+        episode("idm", 0, 18.0, vehicles=30),
+        episode("mine", 0, 25.0),
+        episode("mine", 0, 19.0, vehicles=30),
+    ]
     [axes] = speed_figure(rows).axes
     curves = {c.get_label(): c.lines[0] for c in axes.containers}
     assert set(curves) == {"idm", "mine"}
@@ -102,10 +110,8 @@ def test_tables_of_different_traffic_are_not_drawn_together(
 
 
 def test_the_profile_falls_at_each_speed_of_the_driver() -> None:
-    rows = [
-        {"driver": driver, "vehicles": 5.0, "mean_speed_m_s": speed}
-        for driver, speed in (("idm", 20.0), ("mine", 25.0), ("idm", 22.0), ("mine", 25.0))
-    ]
+    drives = ("idm", 20.0), ("mine", 25.0), ("idm", 22.0), ("mine", 25.0)
+    rows = [episode(driver, seed, speed) for seed, (driver, speed) in enumerate(drives)]
     idm, mine = profile_figure(rows).axes[0].lines
     assert idm.get_xdata().tolist() == [0, 20, 22, 25]
     assert idm.get_ydata().tolist() == [1, 0.5, 0, 0]
@@ -165,7 +171,7 @@ NAMES = ["_mine", "$x", r"$\frac{$", "a_$b_$", "__"]
 
 
 def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
-    speeds = rows_of(HEADER + "".join(f"{name},5,20\n" for name in NAMES))
+    speeds = [episode(name, 0, 20.0) for name in NAMES]
     runs = [tmp_path / name for name in NAMES]
     for run in runs:
         run.mkdir()
@@ -182,24 +188,32 @@ def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
 def test_episodes_of_one_driver_in_the_same_traffic_are_not_mixed_into_one_curve(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name, rows in (("paper", "idm,5,1,20\n"), ("strict", "idm,5,2,20\nidm,5,1,10\n")):
-        (tmp_path / name).write_text(f"driver,vehicles,seed,mean_speed_m_s\n{rows}")
-    tables, out = [str(tmp_path / name) for name in ("paper", "strict")], str(tmp_path)
+    write_rows(tmp_path / "first", episode("idm", 1, 20.0))
+    write_rows(tmp_path / "second", episode("idm", 2, 20.0), episode("idm", 1, 10.0))
+    tables, out = [str(tmp_path / name) for name in ("first", "second")], str(tmp_path)
     assert main(["figures", tables[0], "--out", out]) == 0
     assert main(["figures", *tables, "--out", out]) == 1
-    assert "2 rows of idm with seed 1 among 5 vehicles" in error_message(capsys)
+    assert "idm drove seed 1 among 5 vehicles twice" in error_message(capsys)
 
 
 def test_one_driver_under_two_checks_is_not_one_curve(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for seed, check in enumerate(("paper", "strict")):
-        lines = f"driver,vehicles,seed,safety_check,mean_speed_m_s\nidm,5,{seed},{check},20\n"
-        (tmp_path / check).write_text(lines)
+        write_rows(tmp_path / check, episode("idm", seed, 20.0, safety_check=check))
     tables = [str(tmp_path / name) for name in ("paper", "strict")]
     assert main(["figures", *tables, "--out", str(tmp_path)]) == 1
     said = error_message(capsys)
     assert "rows of idm under the checks paper and strict" in said
+
+
+def test_a_table_of_another_kind_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text("traffic,driver,vehicles,mean_speed_m_s\ncalm,idm,5,20\n")
+    assert main(["figures", str(table), "--out", str(tmp_path / "out")]) == 1
+    assert "has no column 'safety_check': name a table of another kind" in error_message(capsys)
 
 
 def test_a_run_without_an_evaluation_says_so(
@@ -214,15 +228,14 @@ def test_a_run_without_an_evaluation_says_so(
 def test_a_number_that_cannot_be_drawn_is_one_sentence(
     number: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name, text in (
-        ("table.csv", f"{HEADER}idm,5,{number}\n"),
-        ("table.csv", f"{HEADER}idm,{number},20\n"),
-        ("evaluations.csv", f"episode,mean_reward\n{number},-0.4\n"),
-    ):
-        (tmp_path / name).write_text(text)
-        source = tmp_path if name == "evaluations.csv" else tmp_path / name
-        assert main(["figures", str(source), "--out", str(tmp_path / "out")]) == 1
-        assert "must be a finite number" in error_message(capsys)
+    (tmp_path / "evaluations.csv").write_text(f"episode,mean_reward\n{number},-0.4\n")
+    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    assert "must be a finite number" in error_message(capsys)
+    table = tmp_path / "table.csv"
+    for column in ("mean_speed_m_s", "vehicles", "seed"):
+        write_table(table, EpisodeResult, [{**asdict(episode("idm", 0, 20.0)), column: number}])
+        assert main(["figures", str(table), "--out", str(tmp_path / "out")]) == 1
+        assert f"(line 2: {column} is {number[:60]})" in error_message(capsys)
 
 
 def test_a_time_to_collision_of_the_results_may_be_infinite_and_no_other_number() -> None:
@@ -235,14 +248,14 @@ def test_a_time_to_collision_of_the_results_may_be_infinite_and_no_other_number(
 
 def test_a_long_name_is_shortened_in_the_legend_and_51_drivers_are_too_many(tmp_path: Path) -> None:
     name = "x" * 100_000
-    figure = speed_figure(rows_of(f"{HEADER}{name},5,20\n"))
+    figure = speed_figure([episode(name, 0, 20.0)])
     [text] = figure.axes[0].get_legend().get_texts()  # type: ignore[union-attr]
     assert text.get_text() == "x" * 77 + "..."
     save_figure(figure, tmp_path / "figure.png")  # no warning
-    many = HEADER + "".join(f"d{number},5,20\n" for number in range(51))
-    assert len(speed_figure(rows_of(many.rpartition("d50")[0])).axes[0].containers) == 50
+    many = [episode(f"d{number}", 0, 20.0) for number in range(51)]
+    assert len(speed_figure(many[:50]).axes[0].containers) == 50
     with pytest.raises(DrlAvError, match="hold 51 drivers, but a figure shows at most 50"):
-        speed_figure(rows_of(many))
+        speed_figure(many)
 
 
 def test_reward_figure_has_three_panels_with_their_best_at_the_desired_values(
@@ -264,10 +277,8 @@ def test_moving_average_weighs_rows_by_their_episodes_and_looks_back_only() -> N
 
 
 def test_a_curve_under_strict_is_dashed_in_the_colour_of_its_driver() -> None:
-    rows = [
-        {"driver": driver, "vehicles": 5.0, "mean_speed_m_s": speed}
-        for driver, speed in (("idm", 20.0), ("idm, strict", 19.0), ("mine", 18.0))
-    ]
+    drives = ("idm", 20.0), ("idm, strict", 19.0), ("mine", 18.0)
+    rows = [episode(driver, 0, speed) for driver, speed in drives]
     plain, strict, mine = [each.lines[0] for each in speed_figure(rows).axes[0].containers]
     assert plain.get_color() == strict.get_color() != mine.get_color()
     styles = [line.get_linestyle() for line in (plain, strict, mine)]
@@ -290,9 +301,9 @@ def test_a_folder_that_is_no_run_is_refused(
 
 def test_a_driver_has_one_colour_and_no_interval_reaches_below_a_standstill() -> None:
     rows = [
-        {"driver": driver, "vehicles": 5, "mean_speed_m_s": speed}
+        episode(driver, seed, speed)
         for driver, speeds in (("mine", (1.0, 9.0)), ("idm", (20.0, 21.0)), ("run.zip", (5.0, 6.0)))
-        for speed in speeds
+        for seed, speed in enumerate(speeds)
     ]
     colors = []
     for some in (rows, rows[::-1], rows[:2] + rows[4:]):
@@ -317,9 +328,8 @@ def test_a_driver_has_one_colour_and_no_interval_reaches_below_a_standstill() ->
 def test_a_file_is_drawn_by_its_suffix_and_says_the_check(
     suffix: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    Path("rows.csv").write_text(
-        "driver,safety_check,vehicles,mean_speed_m_s\nidm,strict,5,20\nidm,strict,5,21\n"
-    )
+    rows = [episode("idm", seed, 20.0 + seed, safety_check="strict") for seed in range(2)]
+    write_rows(Path("rows.csv"), *rows)
     for _ in range(2):
         assert main(["figures", "rows.csv", "--out", f"f{suffix}"]) == 0
         made = {path.name: path.read_bytes() for path in here.glob(f"f*{suffix}")}
@@ -374,7 +384,7 @@ def test_no_two_drivers_of_a_figure_share_a_style_and_a_name_alone_keeps_its_own
 def test_a_figure_is_as_wide_as_columns_of_a_paper_and_its_text_is_read(
     columns: str, width_in: float, here: Path
 ) -> None:
-    Path("rows.csv").write_text(f"{HEADER}idm,5,20\nidm,5,21\n")
+    write_rows(Path("rows.csv"), episode("idm", 0, 20.0), episode("idm", 1, 21.0))
     words = ["figures", "rows.csv", "--columns", columns]
     assert main([*words, "--out", "f.svg"]) == 0
     text = Path("f_mean_speed.svg").read_text()

@@ -11,7 +11,6 @@ from runs import SHORT, run_folder
 from drl_av.cli import main
 from drl_av.drivers.groups import trainings_of
 from drl_av.drivers.registry import baselines, find_drivers
-from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.evaluate import evaluate
@@ -74,19 +73,15 @@ def test_each_training_is_judged() -> None:
     assert [each.driver for each in judge(ROWS)] == [*SPEEDS]
 
 
-def table_rows(rows: list[EpisodeResult]) -> list[dict[str, object]]:
-    return [row.cells() for row in rows]
-
-
 def test_figures_have_a_curve_and_a_band_for_a_group() -> None:
-    [axes] = speed_figure(table_rows(ROWS)).axes
+    [axes] = speed_figure(ROWS).axes
     labels = [line.get_label() for line in axes.lines]
     assert axes.lines[0].get_ydata().tolist() == [28.0]
     [band] = axes.collections[:1]
     ends = band.get_paths()[0].get_extents()
     assert (ends.y0, ends.y1) == pytest.approx((28 - 14.905, 28 + 14.905), abs=1e-2)
     assert "ppo, 3 trainings" in labels
-    [profile] = profile_figure(table_rows(ROWS)).axes
+    [profile] = profile_figure(ROWS).axes
     [shares, other] = profile.lines
     assert shares.get_ydata()[0] == 1
     # at 24 m/s: none of two, two of two and two of two episodes are faster
