@@ -15,7 +15,7 @@ from drl_av.config import Config
 from drl_av.drivers.rule_based import IdmSumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.evaluation.recording import Recorder, Recording
+from drl_av.evaluation.recording import Recording, recording_of
 from drl_av.scenarios.folder import ScenarioDescription, write_scenario
 from drl_av.simulation.sumo_options import start_arguments
 
@@ -44,10 +44,8 @@ def env(request: pytest.FixtureRequest) -> Iterator[HighwayEnv]:
 
 def driven(env: HighwayEnv) -> Recording:
     """The episode, in an environment that may have driven others."""
-    recorder = Recorder()
-    for decision in rollout(env, IdmSumoDriver(CONFIG.safety), SEED, VEHICLES):
-        recorder.add(decision)
-    return recorder.recording(CONFIG, "idm-sumo", SEED)
+    decisions = list(rollout(env, IdmSumoDriver(CONFIG.safety), SEED, VEHICLES))
+    return recording_of(decisions, CONFIG, "idm-sumo", SEED)
 
 
 @pytest.fixture(scope="module")

@@ -248,8 +248,9 @@ def _show(
     options: argparse.Namespace, session: "ReplaySession", pages: "list[PageEpisode]"
 ) -> "tuple[Recording, EpisodeResult]":
     """Drive the session in sumo-gui, for a film, for one of the pages, or without a picture."""
+    from drl_av.env.transition import Transition
     from drl_av.env.video import Film
-    from drl_av.evaluation.replay import FCD_OPTIONS, Pacer, PageRecorder
+    from drl_av.evaluation.replay import FCD_OPTIONS, Pacer, page_episode
     from drl_av.files import replacing
 
     pace = options.rate or USUAL_RATE
@@ -262,9 +263,9 @@ def _show(
             driven = session.drive(None, film.add)
             print(f"{options.video}: {pluralize(film.write(options.video, rate=pace), 'frame')}")
         elif options.html:
-            page = PageRecorder(session)
-            driven = session.drive(None, page)
-            pages.append(page.episode)
+            decisions = list[Transition]()
+            driven = session.drive(None, decisions.append)
+            pages.append(page_episode(session, decisions))
         elif _opens_gui(options):
             driven = session.drive("human", Pacer(pace))
         else:

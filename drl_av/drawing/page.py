@@ -17,28 +17,6 @@ PLACEHOLDER = "EPISODE"
 """The text in the template that the episode's data replace."""
 
 
-@dataclass(frozen=True)
-class PageDecision:
-    """The data of one decision; ``r_v``, ``r_y`` and ``r_x`` rate the ego's speed, lane and gap."""
-
-    proposed: int
-    """Number of the proposed action, 0 to 11."""
-    executed: int
-    """Number of the action after the safety check, 0 to 11."""
-    rule: str
-    """The rules of the safety check that changed the action; ``none`` if no rule did."""
-    reward: float
-    r_v: float
-    r_y: float
-    r_x: float
-    values: list[float] | None
-    """The driver's values of the 12 actions; None if the driver has none."""
-    changes_lane: bool
-    """Whether a lane change of the ego begins."""
-    collision: str | None
-    """The kind of the ego's collision in words; None without a collision."""
-
-
 @dataclass
 class PageEpisode:
     """An episode to show."""
@@ -50,7 +28,12 @@ class PageEpisode:
     """What the values of the decisions are, in words."""
     snapshots: list[Snapshot] = field(default_factory=list)
     """The scene at the start and after each decision: one more than there are decisions."""
-    decisions: list[PageDecision] = field(default_factory=list)
+    decisions: list[dict[str, Any]] = field(default_factory=list)
+    """The data of each decision: ``proposed`` and ``executed``, numbers of actions before and after
+    the safety check; ``rule``, the rules that changed the action, or ``none``; ``reward``, and its
+    terms ``r_v``, ``r_y`` and ``r_x``, which rate the ego's speed, lane and gap; ``values``, the
+    driver's of the 12 actions, or None; ``changes_lane``, whether a lane change of the ego begins;
+    and ``collision``, the kind of its collision in words, or None."""
 
 
 def write_page(path: Path, road: Road, episodes: Sequence[PageEpisode]) -> None:
@@ -88,7 +71,6 @@ def _episode(episode: PageEpisode) -> dict[str, Any]:
         "times": [round(shot.time_s - shots[0].time_s, 3) for shot in shots],
         "sizes": [*sizes.values()],
         "frames": [_frame(snapshot, [*sizes]) for snapshot in shots],
-        "decisions": [vars(decision) for decision in episode.decisions],
         "snapshots": None,
     }
 

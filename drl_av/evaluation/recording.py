@@ -2,7 +2,7 @@
 
 import hashlib
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -195,44 +195,36 @@ class RecordedDriver:
             ) from error
 
 
-class Recorder:
-    """Records an episode, decision by decision."""
+def recording_of(
+    decisions: Sequence[Transition],
+    config: Config,
+    driver: str,
+    seed: int,
+    ego_model: EgoModel | None = None,
+) -> Recording:
+    """Return the recording of an episode with the settings that determine it.
 
-    def __init__(self) -> None:
-        self._decisions: list[tuple[int, int, str]] = []
-        self._moments: list[Snapshot] = []
-
-    def add(self, decision: Transition) -> None:
-        """Record the next decision of the episode."""
-        if not self._moments:
-            self._moments.append(decision.scene.snapshot)
-        self._moments.append(decision.next_scene.snapshot)
-        numbers = decision.proposed.number, decision.executed.number
-        self._decisions.append((*numbers, str(decision.rule)))
-
-    def recording(
-        self, config: Config, driver: str, seed: int, ego_model: EgoModel | None = None
-    ) -> Recording:
-        """Return the recording of the episode so far, with the settings that determine it."""
-        names = dict.fromkeys(name for shot in self._moments for name in shot.ids)
-        rows = {name: row for row, name in enumerate(names)}
-        states = np.full((len(self._moments), len(rows), len(COLUMNS)), np.nan)
-        for moment, shot in enumerate(self._moments):
-            states[moment, [rows[name] for name in shot.ids]] = states_of(shot)
-        proposed, executed, rules = zip(*self._decisions, strict=True)
-        return Recording(
-            config,
-            driver,
-            seed,
-            len(self._moments[0].ids) - 1,
-            np.array(proposed, dtype=np.int64),
-            np.array(executed, dtype=np.int64),
-            np.array(rules, dtype=np.str_),
-            np.array([*names], dtype=np.str_),
-            np.array([shot.time_s for shot in self._moments]),
-            states,
-            ego_model,
-        )
+    ``decisions`` are all of its decisions, at least one.
+    """
+    moments = [decisions[0].scene.snapshot, *(made.next_scene.snapshot for made in decisions)]
+    names = dict.fromkeys(name for shot in moments for name in shot.ids)
+    rows = {name: row for row, name in enumerate(names)}
+    states = np.full((len(moments), len(rows), len(COLUMNS)), np.nan)
+    for moment, shot in enumerate(moments):
+        states[moment, [rows[name] for name in shot.ids]] = states_of(shot)
+    return Recording(
+        config,
+        driver,
+        seed,
+        len(moments[0].ids) - 1,
+        np.array([made.proposed.number for made in decisions], dtype=np.int64),
+        np.array([made.executed.number for made in decisions], dtype=np.int64),
+        np.array([str(made.rule) for made in decisions], dtype=np.str_),
+        np.array([*names], dtype=np.str_),
+        np.array([shot.time_s for shot in moments]),
+        states,
+        ego_model,
+    )
 
 
 def record_episode(
@@ -248,10 +240,10 @@ def record_episode(
 
     Each watcher gets each decision. Raises DrlAvError as ``drive``.
     """
-    recorder = Recorder()
-    watching = recorder.add, *watchers
+    decisions = list[Transition]()
+    watching = decisions.append, *watchers
     result = drive(env, driver, name, seed, vehicles, make_metrics, watching)
-    return recorder.recording(env.config, name, seed, env.ego_model), result
+    return recording_of(decisions, env.config, name, seed, env.ego_model), result
 
 
 class RecordingFolder(NamedTuple):

@@ -13,7 +13,7 @@ from PIL import Image
 
 from drl_av.config import Config
 from drl_av.config.section import did_you_mean
-from drl_av.drawing.page import PageDecision, PageEpisode
+from drl_av.drawing.page import PageEpisode
 from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
 from drl_av.drivers.checked import SteadyDriver
@@ -34,7 +34,6 @@ from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, record_episode
 from drl_av.evaluation.table import read_results, report_corrupt_table, stored_config
 from drl_av.road.road import Road
-from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
 from drl_av.scenarios.folder import (
     find_scenario,
@@ -66,41 +65,36 @@ class Pacer:
         time.sleep(self._due_s - now)
 
 
-class PageRecorder:
-    """Collects an episode for a page, with the values of a learned driver."""
+def page_episode(session: "ReplaySession", decisions: Sequence[Transition]) -> PageEpisode:
+    """Return an episode of a session for a page, with the values of a learned driver."""
+    driver = session.driver.inner if isinstance(session.driver, SteadyDriver) else session.driver
+    are = "Probabilities" if isinstance(driver, MaskedPolicyDriver) else "Q-values"
+    shots = [decisions[0].scene.snapshot, *(made.next_scene.snapshot for made in decisions)]
+    found = [
+        {
+            "proposed": made.proposed.number,
+            "executed": made.executed.number,
+            "rule": str(made.rule),
+            "reward": made.reward,
+            **made.terms._asdict(),
+            "values": _values(driver, made),
+            "changes_lane": _begins_lane_change(made),
+            "collision": None if made.collision is None else made.collision.kind.value,
+        }
+        for made in decisions
+    ]
+    return PageEpisode(session.title, session.facts, are, shots, found)
 
-    def __init__(self, session: "ReplaySession") -> None:
-        driver = session.driver
-        self._driver = driver.inner if isinstance(driver, SteadyDriver) else driver
-        are = "Probabilities" if isinstance(self._driver, MaskedPolicyDriver) else "Q-values"
-        self.episode = PageEpisode(session.title, session.facts, are)
 
-    def __call__(self, decision: Transition) -> None:
-        """Add the next decision of the episode."""
-        if not self.episode.snapshots:
-            self.episode.snapshots.append(decision.scene.snapshot)
-        self.episode.snapshots.append(decision.next_scene.snapshot)
-        made = PageDecision(
-            proposed=decision.proposed.number,
-            executed=decision.executed.number,
-            rule=str(decision.rule),
-            reward=decision.reward,
-            **decision.terms._asdict(),
-            values=self._values(decision),
-            changes_lane=_begins_lane_change(decision),
-            collision=None if decision.collision is None else decision.collision.kind.value,
-        )
-        self.episode.decisions.append(made)
-
-    def _values(self, decision: Transition) -> list[float] | None:
-        match self._driver:
-            case LearnedDriver() as driver:
-                values = driver.values(decision.observation)
-            case MaskedPolicyDriver() as driver:
-                values = driver.probabilities(decision.scene)
-            case _:
-                return None
-        return [float(value) for value in values]
+def _values(driver: Driver, decision: Transition) -> list[float] | None:
+    match driver:
+        case LearnedDriver():
+            values = driver.values(decision.observation)
+        case MaskedPolicyDriver():
+            values = driver.probabilities(decision.scene)
+        case _:
+            return None
+    return [float(value) for value in values]
 
 
 def _begins_lane_change(decision: Transition) -> bool:
@@ -318,27 +312,23 @@ def _specs(groups: Mapping[str, str], given: Mapping[str, DriverSpec]) -> dict[s
     return found
 
 
-class CriticalMoment:
-    """Watches an episode, and keeps its collision or its smallest time to collision."""
+def critical_picture(decisions: Sequence[Transition], caption: Caption, road: Road) -> Picture:
+    """Draw the collision of an episode, or its smallest time to collision, as a ``TILE``.
 
-    def __init__(self, caption: Caption, road: Road) -> None:
-        self._caption, self._road, self._least_s = caption, road, math.inf
-        self._shown: tuple[Snapshot, Caption] | None = None
+    ``caption`` is that of its beginning. There must be a decision.
+    """
 
-    def __call__(self, decision: Transition) -> None:
-        """Look at the next decision of the episode."""
-        self._caption = next_caption(self._caption, decision, self._road)
+    def nearness(decision: Transition) -> tuple[bool, float]:
         front = decision.next_scene.affordances.own_front
         ttc_s = math.inf if front is None else time_to_collision(front.gap_m, closing_speed(front))
-        if self._shown is None or ttc_s < self._least_s or decision.collision is not None:
-            self._shown = decision.next_scene.snapshot, self._caption
-            self._least_s = ttc_s
+        return decision.collision is None, ttc_s
 
-    def picture(self) -> Picture:
-        """Draw the moment, with the size of a ``TILE``; the episode needs a decision."""
-        assert self._shown is not None
-        snapshot, caption = self._shown
-        return draw(snapshot, self._road, caption, TILE)
+    nearest = min(decisions, key=nearness)
+    for decision in decisions:
+        caption = next_caption(caption, decision, road)
+        if decision is nearest:
+            break
+    return draw(nearest.next_scene.snapshot, road, caption, TILE)
 
 
 def contact_sheet(sessions: Sequence[ReplaySession], column: str) -> bytes:
@@ -352,9 +342,11 @@ def contact_sheet(sessions: Sequence[ReplaySession], column: str) -> bytes:
     for place, session in enumerate(sessions):
         value = getattr(session.expected, column)
         title = f"{session.name}, {column} {value:.3g}"
-        moment = CriticalMoment(Caption(driver=title, seed=session.seed), session.road)
-        session.drive(None, moment)
-        sheet.paste(Image.fromarray(moment.picture()), (width * (place % 2), height * (place // 2)))
+        decisions = list[Transition]()
+        session.drive(None, decisions.append)
+        begin = Caption(driver=title, seed=session.seed)
+        tile = critical_picture(decisions, begin, session.road)
+        sheet.paste(Image.fromarray(tile), (width * (place % 2), height * (place // 2)))
     data = io.BytesIO()
     sheet.save(data, "PNG")
     return data.getvalue()

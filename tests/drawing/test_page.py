@@ -13,13 +13,14 @@ from PIL import Image
 from worlds import LEFT, ROAD, Car, ahead, snapshot
 
 from drl_av.drawing.canvas import EGO_COLOR
-from drl_av.drawing.page import PageDecision, PageEpisode, write_page
+from drl_av.drawing.page import PageEpisode, write_page
 
 RED = (255, 92, 108)
-KEEP = PageDecision(0, 0, "none", -0.1, -0.2, -0.1, 0.0, [float(n) for n in range(12)], False, None)
-BRAKE = PageDecision(
-    1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0, None, False, "ego hit the vehicle </script>"
-)
+NAMES = "proposed", "executed", "rule", "reward", "r_v", "r_y", "r_x"
+KEEP = dict(zip(NAMES, (0, 0, "none", -0.1, -0.2, -0.1, 0.0), strict=True))
+KEEP |= {"values": [float(n) for n in range(12)], "changes_lane": False, "collision": None}
+HIT = {"values": None, "collision": "ego hit the vehicle </script>"}
+BRAKE = KEEP | dict(zip(NAMES, (1, 3, "in_lane", -3.0, -0.5, 0.0, -1.0), strict=True)) | HIT
 
 
 @pytest.fixture

@@ -21,10 +21,11 @@ from drl_av.drawing.picture import draw
 from drl_av.drivers.registry import rule_driver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
+from drl_av.env.transition import Transition
 from drl_av.env.video import Film
 from drl_av.errors import ConfigError, RecordingError, ScenarioError
 from drl_av.evaluation.recording import load_recording
-from drl_av.evaluation.replay import PageRecorder, ReplaySession, replay_session
+from drl_av.evaluation.replay import ReplaySession, page_episode, replay_session
 from drl_av.road.snapshot import CollisionKind
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.highways import MergeDescription, StraightDescription
@@ -154,13 +155,13 @@ def test_an_episode_is_recorded_filmed_and_repeated_exactly(
     write_scenario(tmp_path / "road", ROAD_TYPES[kind](**near))
     short = config(str(tmp_path / "road")).updated("simulation", decisions_per_episode=decisions)
     session = ReplaySession(short, rule_driver(driver, short), driver, 9, 50)
-    page = PageRecorder(session)
+    decisions_made = list[Transition]()
     film = Film(driver, session.road, session.seed)
-    recording, result = session.drive(None, film.add, page)
+    recording, result = session.drive(None, film.add, decisions_made.append)
     assert (result.vehicles, recording.vehicles) == (50, 50)
     assert np.isnan(recording.states).any()  # vehicles that came or went
     recording.save(tmp_path / "episode.npz")
-    write_page(tmp_path / "page.html", session.road, [page.episode])
+    write_page(tmp_path / "page.html", session.road, [page_episode(session, decisions_made)])
     assert film.write(tmp_path / "film.gif", rate=20.0) == decisions
     assert kind != "exit" or recording.states[-1, 0, 0] > session.road.exit_m
     loaded = load_recording(tmp_path / "episode.npz")

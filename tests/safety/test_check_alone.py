@@ -16,7 +16,7 @@ from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive, rollout
 from drl_av.errors import ConfigError
-from drl_av.evaluation.recording import Recorder, Recording
+from drl_av.evaluation.recording import Recording, recording_of
 from drl_av.safety import CHECKS, action_mask, named_check
 from drl_av.safety.check import Rule, Verdict
 
@@ -121,11 +121,9 @@ def test_workers_tell_their_masks_together() -> None:
 
 
 def recorded(check: str, driver: object) -> Recording:
-    recorder = Recorder()
     with closing(HighwayEnv(config=SHORT, safety_check=check)) as env:
-        for decision in rollout(env, driver, 7, 30):  # type: ignore[arg-type]
-            recorder.add(decision)
-        return recorder.recording(env.config, "driver", 7)
+        decisions = list(rollout(env, driver, 7, 30))  # type: ignore[arg-type]
+        return recording_of(decisions, env.config, "driver", 7)
 
 
 def test_a_checked_driver_in_an_unchecked_environment_drives_as_the_bare_one_under_the_check() -> (
