@@ -71,7 +71,7 @@ def make(study: Study, options: Options) -> Generator[Progress, None, bool]:
     """
     plan = study.plan(options)
     path = options.out / f"{study.name}.csv"
-    table = ResultTable(path, plan.inputs, plan.place, plan.named)
+    table = ResultTable(path, plan.inputs, plan.place)
     derived = [options.out / name for name in study.derived]
     require_writable(*derived, *(options.out / f"{name}.png" for name in study.figures))
     _save_derived(study, table)

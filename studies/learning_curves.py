@@ -157,7 +157,7 @@ def reporting_plan(
     """
     place = order_by(variant=configs, seed=int, episode=int)
     rows = [[TrainingRows(job, rows_of) for job in jobs] for jobs in rounds]
-    return Plan(Inputs(configs), place, "variant", trainings=rows)
+    return Plan(Inputs(configs), place, trainings=rows)
 
 
 class Curve(NamedTuple):

@@ -93,8 +93,6 @@ class Plan(NamedTuple):
     """The settings and drivers of the rows."""
     place: Callable[[Row], tuple[Any, ...]]
     """The sort key of a row, see ``ResultTable``."""
-    named: str = ""
-    """The column with the name of a row's settings in ``inputs``; empty if there is none."""
     trainings: "Sequence[Sequence[TrainingRows]]" = ()
     """Trainings that report rows, in rounds that are done one after the other."""
     cells: "Sequence[EpisodeCell]" = ()

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from drl_av.evaluation.provenance import read_sidecar
+from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.table import read_rows, report_corrupt_table
 from drl_av.files import Row
 
@@ -29,7 +29,7 @@ class ResultsFolder:
         Raises DrlAvError if the provenance is damaged.
         """
         with report_corrupt_table(self.folder / table):
-            return read_sidecar(self.folder / table)
+            return read_provenance(self.folder / table)
 
 
 def markdown_table(heading: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

@@ -178,9 +178,7 @@ class FileStudy:
         if settings.keys() == {""}:
             policies = {"": "+".join(filter(None, policies.values())) or None}
         inputs = Inputs(settings, policies, {each.name: each.job.stop for each in trained})
-        template = self.file.get("settings_named", "")
-        named = template[1:-1] if template[1:-1] in self.file.get("columns", ()) else ""
-        return Plan(inputs, self._place(trained), named, cells=cells)
+        return Plan(inputs, self._place(trained), cells=cells)
 
     def _cells(
         self, trained: Sequence[Trained], options: Options, settings: dict[str, Config]

@@ -23,7 +23,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
 from drl_av.env.transition import Observation
-from drl_av.evaluation.provenance import provenance, read_sidecar, sidecar, write_sidecar
+from drl_av.evaluation.provenance import provenance, read_provenance, write_provenance
 from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.table import settings_mismatch, stored_config
 from drl_av.files import append_rows, read_table
@@ -126,15 +126,15 @@ def main() -> int:
         mixes = MIXES.items()
         worlds = {name: Watched(base.updated("traffic", **shares)) for name, shares in mixes}
     names = list(worlds)
-    done, facts = read_table(arguments.out, growing=True), read_sidecar(arguments.out)
+    done, facts = read_table(arguments.out, growing=True), read_provenance(arguments.out)
     if facts and not (
         facts.get("mixes") == names and stored_config(facts["settings"], str(arguments.out)) == base
     ):
-        raise settings_mismatch(arguments.out, sidecar(arguments.out))
+        raise settings_mismatch(arguments.out, arguments.out.with_suffix(".json"))
     spent_s = facts.get("wall_time_s", 0.0)
     made: dict[str, Any] = {"settings": asdict(base), "mixes": names}
     if not facts:
-        write_sidecar(arguments.out, provenance(base, **made))
+        write_provenance(arguments.out, provenance(base, **made))
     known = {int(row["seed"]) for row in done}
     try:
         for number in range(arguments.first, arguments.first + arguments.episodes):
@@ -143,7 +143,7 @@ def main() -> int:
                 append_rows(arguments.out, COLUMNS, [worlds[mix].episode(mix, seed)])
     finally:
         made["wall_time_s"] = spent_s + round(parser.spent_s(), 1)
-        write_sidecar(arguments.out, provenance(base, **made))
+        write_provenance(arguments.out, provenance(base, **made))
     status = report(read_table(arguments.out, growing=True))
     print(parser.made_by(spent_s))
     return status

@@ -27,7 +27,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.transition import Observation, Transition
 from drl_av.evaluation import DENSITIES
-from drl_av.evaluation.provenance import provenance, read_sidecar, write_sidecar
+from drl_av.evaluation.provenance import provenance, read_provenance, write_provenance
 from drl_av.files import append_rows, read_table, require_writable
 from verification.program import Program, run_program
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
@@ -137,7 +137,7 @@ def main() -> int:
     if not options.out.parent.is_dir():
         parser.error(f"The folder {options.out.parent} does not exist: make it first.")
     size = {"steps": options.steps, "evaluation_episodes": options.episodes}
-    rows, facts = read_table(options.out, growing=True), read_sidecar(options.out)
+    rows, facts = read_table(options.out, growing=True), read_provenance(options.out)
     if facts and any(facts.get(name) != number for name, number in size.items()):
         parser.error(f"{options.out} was made with other --steps or --episodes: choose another")
     before_s = facts.get("wall_time_s", 0.0)
@@ -146,8 +146,8 @@ def main() -> int:
         if (method, seed) not in known:
             made = list(trained(method, seed, options.steps, options.episodes))
             spent_s = round(before_s + parser.spent_s(), 1)
-            sidecar = provenance(Config(), **size, penalty=PENALTY, wall_time_s=spent_s)
-            write_sidecar(options.out, sidecar)
+            how = provenance(Config(), **size, penalty=PENALTY, wall_time_s=spent_s)
+            write_provenance(options.out, how)
             append_rows(options.out, COLUMNS, made)
     rows = read_table(options.out, growing=True)
     figure(rows, options.out.with_suffix(".png"))

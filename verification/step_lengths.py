@@ -16,7 +16,7 @@ from drl_av.config import Config
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.evaluation.provenance import provenance, write_sidecar
+from drl_av.evaluation.provenance import provenance, write_provenance
 from drl_av.files import require_writable, write_table
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
@@ -56,7 +56,7 @@ def main() -> None:
     rows = [measure(step, options.episodes, options.vehicles) for step in STEP_LENGTHS_S]
     seeds = f"{SEEDS} to {SEEDS + options.episodes - 1}"
     facts = provenance(Config(), seeds=seeds, wall_time_s=round(parser.spent_s(), 1))
-    write_sidecar(options.out, {**facts, "step_length_s": STEP_LENGTHS_S})
+    write_provenance(options.out, {**facts, "step_length_s": STEP_LENGTHS_S})
     write_table(options.out, rows[0], rows)
     print(*rows, sep="\n")
 

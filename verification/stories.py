@@ -15,7 +15,7 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.evaluation.evaluate import evaluate
-from drl_av.evaluation.provenance import provenance, write_sidecar
+from drl_av.evaluation.provenance import provenance, write_provenance
 from drl_av.files import Row, require_writable, write_table
 from studies.results import ResultsFolder, markdown_table
 from verification.program import Program, run_program
@@ -86,7 +86,7 @@ def main() -> None:
         for check in CHECKS:
             rows += drive(story, DRIVERS, check)
         rows += drive(story, SUMO_DRIVERS, CHECKS[0])
-    write_sidecar(options.out, provenance(Config(), settings=SETTINGS))
+    write_provenance(options.out, provenance(Config(), settings=SETTINGS))
     write_table(options.out, COLUMNS, rows)
 
 

@@ -228,7 +228,7 @@ def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
     besides = custom_inputs(evaluation.config, evaluation.custom)
     config = evaluation.config.without_training
     inputs = Inputs({"": config}, checksums(evaluation.specs), custom=besides)
-    return ResultTable(path, inputs, place, beside=path.with_suffix(PROVENANCE))
+    return ResultTable(path, inputs, place, PROVENANCE)
 
 
 def _rows(

@@ -170,8 +170,8 @@ def _require_one_traffic(tables: Sequence[Path]) -> None:
 
     found = dict[str, tuple[str, Any]]()
     for table in tables:
-        beside = table.with_suffix(PROVENANCE)
-        settings = read_provenance(beside, table).get("settings", {}) if beside.exists() else {}
+        is_known = table.with_suffix(PROVENANCE).exists()
+        settings = read_provenance(table, PROVENANCE).get("settings", {}) if is_known else {}
         if "traffic" not in settings or "simulation" not in settings:
             continue
         simulation, traffic = settings["simulation"], settings["traffic"]

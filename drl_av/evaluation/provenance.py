@@ -116,23 +116,22 @@ def blas() -> str:
     return ", ".join(dict.fromkeys(found)) or "unknown"
 
 
-def sidecar(table: Path) -> Path:
-    """Return the path of the JSON file with a table's provenance: curves.json for curves.csv."""
-    return table.with_suffix(".json")
+def write_provenance(table: Path, facts: dict[str, Any], suffix: str = ".json") -> None:
+    """Write how a table was made beside it, atomically: curves.json for curves.csv.
+
+    Raises DrlAvError if the write fails.
+    """
+    write_atomic(table.with_suffix(suffix), json.dumps(facts, indent=2).encode() + b"\n")
 
 
-def write_provenance(beside: Path, facts: dict[str, Any]) -> None:
-    """Write the provenance of a table atomically; raises DrlAvError if the write fails."""
-    write_atomic(beside, json.dumps(facts, indent=2).encode() + b"\n")
-
-
-def read_provenance(path: Path, table: Path) -> dict[str, Any]:
-    """Read how ``table`` was made from the JSON file ``path``; {} if neither file exists.
+def read_provenance(table: Path, suffix: str = ".json") -> dict[str, Any]:
+    """Read how a table was made from the JSON file beside it; {} if neither file exists.
 
     Raises:
         DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.
         TypeError: settings, policies or episodes in it are not JSON objects.
     """
+    path = table.with_suffix(suffix)
     if not path.exists() and not table.exists():
         return {}
     if not path.exists():
@@ -150,13 +149,3 @@ def read_provenance(path: Path, table: Path) -> dict[str, Any]:
         if not isinstance(facts.get(name, {}), dict):
             raise TypeError(f"{name} in {path.name} has no names")
     return facts
-
-
-def write_sidecar(table: Path, facts: dict[str, Any]) -> None:
-    """Write ``facts`` to the file ``sidecar(table)``, as ``write_provenance`` does."""
-    write_provenance(sidecar(table), facts)
-
-
-def read_sidecar(table: Path) -> dict[str, Any]:
-    """Read how a table was made from ``sidecar(table)``, as ``read_provenance`` does."""
-    return read_provenance(sidecar(table), table)

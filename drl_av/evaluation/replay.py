@@ -243,11 +243,10 @@ def worst_sessions(
             episode cannot be found.
         DrlAvError: the table or the provenance beside it is missing or damaged.
     """
-    beside = table.with_suffix(PROVENANCE)
     results = read_results(table)
     with report_corrupt_table(table):
-        facts = read_provenance(beside, table)
-        config = stored_config(facts["settings"], beside.name)
+        facts = read_provenance(table, PROVENANCE)
+        config = stored_config(facts["settings"], table.with_suffix(PROVENANCE).name)
     for name, was in facts.get("custom", {}).items():
         if was and name in CustomParts._fields and name not in custom.words():
             its, option = re.sub(" [0-9a-f]{64}$", "", was), f"--{name.replace('_', '-')}"

@@ -20,7 +20,6 @@ from drl_av.evaluation.provenance import (
     checksum,
     provenance,
     read_provenance,
-    sidecar,
     write_provenance,
 )
 from drl_av.files import (
@@ -110,8 +109,7 @@ class ResultTable:
         inputs: The settings and drivers of the new rows.
         place: Returns the sort key of a row, a tuple that no other row has. It raises ValueError
             or LookupError for a row that does not belong into this table.
-        named: The column with the name of a row's settings in ``inputs``, or "".
-        beside: The JSON file with the provenance; by default NAME.json beside NAME.csv.
+        suffix: The ending of the JSON file with the provenance, NAME.json beside NAME.csv.
 
     Raises:
         DrlAvError: the table was made with other settings or another driver, is damaged, cannot
@@ -123,16 +121,16 @@ class ResultTable:
         path: Path,
         inputs: Inputs,
         place: Callable[[Row], tuple[Any, ...]],
-        named: str = "",
-        beside: Path | None = None,
+        suffix: str = ".json",
     ) -> None:
-        self.path, self.beside, self._place = path, beside or sidecar(path), place
+        self.path, self.beside, self._place = path, path.with_suffix(suffix), place
+        self._suffix = suffix
         make_folder(path.parent, "--out")
         require_writable(path, self.beside)
         hold(path)
         self._rows: dict[tuple[Any, ...], Row] = {}
         with report_corrupt_table(path):
-            facts = read_provenance(self.beside, path)
+            facts = read_provenance(path, suffix)
             rows = read_rows(path)
             require_values(rows)
             for row in rows:
@@ -140,7 +138,6 @@ class ResultTable:
                     raise ValueError(f"the row {at} is there twice")
                 self._rows[at] = row
             self._inputs = _stored(facts, self.beside) if rows or facts else inputs
-            _require_settings(rows, named, self._inputs)
             self.seconds = _seconds(facts)
         self.require(inputs)
 
@@ -186,7 +183,7 @@ class ResultTable:
         Raises DrlAvError if the write fails.
         """
         if rows := self.rows:
-            write_provenance(self.beside, self._facts(rows, facts))
+            write_provenance(self.path, self._facts(rows, facts), self._suffix)
             write_table(self.path, rows[0], rows)
 
     def _facts(self, rows: Sequence[Row], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -216,7 +213,8 @@ def _stored(facts: dict[str, Any], beside: Path) -> Inputs:
 
     Damaged facts cause errors that ``report_corrupt_table`` converts to DrlAvError.
     """
-    settings = facts["settings"]
+    if not (settings := facts["settings"]):
+        raise LookupError("no settings")
     policies, custom = facts.get("policies_sha256", {}), facts.get("custom", {})
     try:
         if "simulation" in settings:
@@ -227,15 +225,6 @@ def _stored(facts: dict[str, Any], beside: Path) -> Inputs:
     except ConfigError as error:
         raise ValueError(str(error)) from error
     return Inputs(configs, policies, facts.get("episodes", {}), custom)
-
-
-def _require_settings(rows: Sequence[Row], named: str, inputs: Inputs) -> None:
-    """Raise LookupError if a row has no settings; the column ``named`` has their name."""
-    names = {row[named] for row in rows} if named else set()
-    if missing := sorted(names - inputs.settings.keys()):
-        raise LookupError(f"no settings of {missing[0]}")
-    if rows and not inputs.settings:
-        raise LookupError("no settings")
 
 
 def _seconds(facts: dict[str, Any]) -> dict[str, float]:
