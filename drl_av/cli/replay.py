@@ -25,7 +25,6 @@ from drl_av.drivers.registry import (
     DriverSpec,
     default_config,
     find_drivers,
-    make_drivers,
 )
 from drl_av.errors import ConfigError, RecordingError, pluralize
 
@@ -221,8 +220,9 @@ def _is_recording(path: Path) -> bool:
 def _new_sessions(
     options: argparse.Namespace, specs: "Sequence[DriverSpec]", custom: "CustomParts"
 ) -> "list[ReplaySession]":
-    """Return the sessions of drivers by the options, whose vehicles fit on the road."""
+    """Return the sessions of drivers by the options."""
     from drl_av.env.highway import HighwayEnv
+    from drl_av.evaluation.episodes import drivers_in
     from drl_av.evaluation.replay import ReplaySession
 
     shared = with_command_line(default_config(specs), options)
@@ -236,10 +236,7 @@ def _new_sessions(
             implied = env.simulation.fleet.default_vehicle_count
             usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if options.vehicles is None else options.vehicles
-            env.reset(seed=seed, options={"vehicles": vehicles})
-            check = env.safety_check if own.safety_check else None
-            seen = env.observation_space if own.observation else None
-        [(name, driver)] = make_drivers([spec], config, check, seen).items()
+            [(name, driver)] = drivers_in(env, own, [spec]).items()
         sessions.append(ReplaySession(config, driver, name, seed, vehicles, custom=own))
     return sessions
 

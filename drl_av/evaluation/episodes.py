@@ -142,6 +142,14 @@ def drive_episodes(
                 place += 1
 
 
+def drivers_in(
+    env: HighwayEnv, custom: CustomParts, specs: Sequence[DriverSpec]
+) -> dict[str, Driver]:
+    """Make drivers for an environment that has these parts of the user, as ``make_drivers``."""
+    seen = None if custom.observation is None else env.observation_space
+    return make_drivers(specs, env.config, env.safety_check, seen)
+
+
 class _Packed(NamedTuple):
     """A job for another process: the same drivers and settings are the same bytes."""
 
@@ -192,9 +200,7 @@ class _Equipment:
         config, specs, custom = self.given
         for parts in self._parts.values():
             self.env(*parts)
-        env = self.env(config, custom)
-        own = None if custom.observation is None else env.observation_space
-        self._drivers = make_drivers(specs, config, env.safety_check, own)
+        self._drivers = drivers_in(self.env(config, custom), custom, specs)
 
     def drive(
         self,

@@ -20,9 +20,9 @@ from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import LearnedDriver
 from drl_av.drivers.masked_policy import MaskedPolicyDriver
-from drl_av.drivers.registry import DriverSpec, find_drivers, make_drivers
+from drl_av.drivers.registry import DriverSpec, find_drivers
 from drl_av.drivers.rule_based import SumoDriver
-from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, custom_check
+from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.renderer import next_caption
@@ -30,6 +30,7 @@ from drl_av.env.rollout import Watcher
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, RecordingError, ScenarioError, printable
 from drl_av.evaluation import PROVENANCE
+from drl_av.evaluation.episodes import drivers_in
 from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, record_episode
 from drl_av.evaluation.table import read_results, report_corrupt_table, stored_config
@@ -263,12 +264,8 @@ def worst_sessions(
     chosen = [row for row in results if word is None or row.driver in given]
     worst = sorted(chosen, key=lambda row: sign * getattr(row, column))[:count]
     specs = _specs({row.driver: row.group for row in worst}, given)
-    check = None if custom.safety_check is None else custom_check(custom.safety_check, config)
-    seen = None
-    if custom.observation is not None:
-        with closing(HighwayEnv(config=config, observation=custom.observation)) as env:
-            seen = env.observation_space
-    drivers = make_drivers(list(specs.values()), config, check, seen)
+    with closing(HighwayEnv(config=config, **custom._asdict())) as env:
+        drivers = drivers_in(env, custom, list(specs.values()))
     sessions = []
     for row in worst:
         spec = specs[row.driver]
