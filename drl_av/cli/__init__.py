@@ -84,7 +84,6 @@ def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
         prog="drl-av",
         description="Learn to drive on a highway, safely, in SUMO.",
         epilog="Every verb has its own --help.",
-        formatter_class=_Verbs,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"drl-av {__version__}")
@@ -101,14 +100,6 @@ def command_line(verbs: Container[str] = VERBS) -> argparse.ArgumentParser:
         if name in verbs:
             verb.add_options(own)
     return parser
-
-
-class _Verbs(argparse.HelpFormatter):
-    """Formats ``drl-av --help``, with each verb's name and meaning on one line."""
-
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog)
-        self._action_max_length = 13
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
