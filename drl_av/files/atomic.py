@@ -41,11 +41,10 @@ def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path
     try:
         with _unfinished(path) as temporary:
             yield temporary
-            _sync(temporary)
-            if temporary.is_dir() and path.is_dir():
-                path.rmdir()
+            for part in (*temporary.rglob("*"), temporary):
+                _sync(part)
             os.replace(temporary, path)
-            _sync_folder(path.parent)
+            _sync(path.parent)
     except OSError as refusal:
         raise _refused(path, refusal, error) from refusal
 
@@ -195,20 +194,9 @@ def _runs(process: int) -> bool:
 
 
 def _sync(path: Path) -> None:
-    """Wait until a file, or a folder with all its contents, is on the disk."""
-    if path.is_dir():
-        for part in path.iterdir():
-            _sync(part)
-        _sync_folder(path)
-        return
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    """Wait until the names of the files in a folder are on the disk, if the system supports it."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
+    """Wait until a file, or the names in a folder if the system supports it, are on the disk."""
+    with contextlib.suppress(OSError) if path.is_dir() else contextlib.nullcontext():
+        descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
         finally:
