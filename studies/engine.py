@@ -12,7 +12,7 @@ from drl_av.env.metrics import EpisodeMetrics
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import RAY
 from drl_av.evaluation.engines import ENGINES, require_shared
-from drl_av.evaluation.episodes import EpisodeJob, drive_episodes
+from drl_av.evaluation.episodes import EpisodeJob, Setup, drive_episodes
 from drl_av.evaluation.figure_style import save_figure
 from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs, ResultTable, report_corrupt_table
@@ -265,8 +265,6 @@ def _episode_jobs(episodes: Iterable[tuple[EpisodeCell, str, int]]) -> list[Epis
             found = find_drivers(cell.drivers)
             specs[cell.drivers] = dict(zip(cell.drivers, found, strict=True))
         own = specs[cell.drivers]
-        name = own[driver].name
-        jobs.append(
-            EpisodeJob(cell.config, tuple(own.values()), cell.metrics, cell.vehicles, seed, name)
-        )
+        setup = Setup(cell.config, tuple(own.values()), cell.metrics)
+        jobs.append(EpisodeJob(setup, cell.vehicles, seed, own[driver].name))
     return jobs

@@ -225,9 +225,9 @@ def _table(path: Path, evaluation: "Evaluation") -> "ResultTable":
         known = zip(ranks, values, strict=True)
         return tuple((rank.index(v), v) if v in rank else (len(rank), v) for rank, v in known)
 
-    besides = custom_inputs(evaluation.config, evaluation.custom)
-    config = evaluation.config.without_training
-    inputs = Inputs({"": config}, checksums(evaluation.specs), custom=besides)
+    setup = evaluation.setup
+    besides = custom_inputs(setup.config, setup.custom)
+    inputs = Inputs({"": setup.config.without_training}, checksums(setup.specs), custom=besides)
     return ResultTable(path, inputs, place, PROVENANCE)
 
 

@@ -4,7 +4,8 @@ import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from itertools import product
+from functools import lru_cache
+from itertools import groupby, product
 from typing import NamedTuple
 
 import cloudpickle
@@ -27,19 +28,26 @@ MakeMetrics = Callable[[], EpisodeMetrics]
 """A function that makes the metrics of one episode; worker processes must be able to import it."""
 
 
-class EpisodeJob(NamedTuple):
-    """One episode to drive: everything on which its result depends."""
+class Setup(NamedTuple):
+    """What the result of an episode depends on beside its traffic and driver."""
 
     config: Config
     specs: tuple[DriverSpec, ...]
-    """The drivers that are loaded together, ``driver`` among them (see ``make_drivers``)."""
-    make_metrics: MakeMetrics
+    """The drivers that are loaded together (see ``make_drivers``)."""
+    make_metrics: MakeMetrics = EpisodeMetrics
+    custom: CustomParts = NOTHING_CUSTOM
+    recordings: RecordingFolder | None = None
+    """The folder that keeps the recordings; None keeps none."""
+
+
+class EpisodeJob(NamedTuple):
+    """One episode to drive: everything on which its result depends."""
+
+    setup: Setup
     vehicles: int
     seed: int
     driver: str
-    custom: CustomParts = NOTHING_CUSTOM
-    recordings: RecordingFolder | None = None
-    """The folder that keeps the recording; None keeps none."""
+    """The name of one of the drivers of ``setup``."""
 
     @property
     def key(self) -> tuple[int, int, str]:
@@ -76,10 +84,12 @@ class Evaluation:
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
-        self.config, self.specs, self._seeds = config, tuple(specs), seeds
-        self._make_metrics, self.custom, self._recordings = make_metrics, custom, recordings
+        self.setup, self._seeds = (
+            Setup(config, tuple(specs), make_metrics, custom, recordings),
+            seeds,
+        )
         _close()  # a driver may have been trained since
-        equipment = _equipment(config, self.specs, custom)
+        equipment = _equipment(self.setup)
         env = equipment.env(config, custom)
         implied = env.simulation.fleet.default_vehicle_count
         default = DENSITIES if implied is None else (implied,)
@@ -91,12 +101,9 @@ class Evaluation:
     @property
     def jobs(self) -> list[EpisodeJob]:
         """The episodes in their order: by number of vehicles, then seed, then driver."""
-        names = [spec.name for spec in self.specs]
-        given, kept = (self.config, self.specs, self._make_metrics), self._recordings
-        return [
-            EpisodeJob(*given, *episode, self.custom, kept)
-            for episode in product(self._vehicles, self._seeds, names)
-        ]
+        names = [spec.name for spec in self.setup.specs]
+        episodes = product(self._vehicles, self._seeds, names)
+        return [EpisodeJob(self.setup, *episode) for episode in episodes]
 
     def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
         """Drive all episodes in ``jobs`` processes; yield the result of each, in their order.
@@ -124,14 +131,12 @@ def drive_episodes(
     if processes == 1 and engine == LOKY:
         try:
             for job in episodes:
-                equipment = _equipment(job.config, job.specs, job.custom)
-                how = job.make_metrics, job.recordings
-                yield equipment.drive(job.driver, job.seed, job.vehicles, *how)
+                yield _equipment(job.setup).drive(*job.key)
         finally:
             _close()
         return
     if episodes:
-        require_one_process(episodes[0].custom.sumo_options)
+        require_one_process(episodes[0].setup.custom.sumo_options)
     done: dict[int, EpisodeResult] = {}
     place = 0
     with closing(ENGINES[engine](_drive, _packed(episodes), processes)) as running:
@@ -150,42 +155,31 @@ def drivers_in(
     return make_drivers(specs, env.config, env.safety_check, seen)
 
 
-class _Packed(NamedTuple):
-    """A job for another process: the same drivers and settings are the same bytes."""
-
-    given: bytes
-    driver: str
-    seed: int
-    vehicles: int
-
-
-def _packed(episodes: Sequence[EpisodeJob]) -> list[_Packed]:
-    """Return the jobs as bytes, which objects of the user become by cloudpickle."""
-    made: list[tuple[tuple[object, ...], bytes]] = []
+def _packed(episodes: Sequence[EpisodeJob]) -> list[tuple[bytes, tuple[int, int, str]]]:
+    """Return the jobs for other processes; objects of the user become bytes by cloudpickle."""
     packed = []
-    for job in episodes:
-        given = job.config, job.specs, job.custom, (job.make_metrics, job.recordings)
-        if not made or made[-1][0] != given:
-            try:
-                made.append((given, cloudpickle.dumps(given)))
-            except Exception as error:  # the user's objects may raise anything
-                raise ConfigError(
-                    f"An object of yours cannot be copied into another process ({error}): use "
-                    "jobs=1, or name it as 'module:name'."
-                ) from error
-        packed.append(_Packed(made[-1][1], job.driver, job.seed, job.vehicles))
+    for setup, jobs in groupby(episodes, lambda job: job.setup):
+        try:
+            given = cloudpickle.dumps(setup)
+        except Exception as error:  # the user's objects may raise anything
+            raise ConfigError(
+                f"An object of yours cannot be copied into another process ({error}): use jobs=1, "
+                "or name it as 'module:name'."
+            ) from error
+        packed += [(given, job.key) for job in jobs]
     return packed
 
 
 class _Equipment:
     """The environments of an evaluation, one for each safety check, and its drivers."""
 
-    def __init__(self, config: Config, specs: tuple[DriverSpec, ...], custom: CustomParts) -> None:
-        self.given = config, specs, custom
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
         self._parts = {
-            spec.name: (spec.config(config), custom.beside(spec.under)) for spec in specs
+            spec.name: (spec.config(setup.config), setup.custom.beside(spec.under))
+            for spec in setup.specs
         }
-        self._groups = {spec.name: spec.group for spec in specs}
+        self._groups = {spec.name: spec.group for spec in setup.specs}
         self._envs: dict[Config, HighwayEnv] = {}
         self._drivers: dict[str, Driver] = {}
 
@@ -197,28 +191,21 @@ class _Equipment:
 
     def make_drivers(self) -> None:
         """Make the environments and then the drivers, as a driver's file may run its code."""
-        config, specs, custom = self.given
+        config, specs, _, custom, _ = self.setup
         for parts in self._parts.values():
             self.env(*parts)
         self._drivers = drivers_in(self.env(config, custom), custom, specs)
 
-    def drive(
-        self,
-        name: str,
-        seed: int,
-        vehicles: int,
-        make_metrics: MakeMetrics,
-        recordings: RecordingFolder | None,
-    ) -> EpisodeResult:
+    def drive(self, vehicles: int, seed: int, name: str) -> EpisodeResult:
         """Drive one episode with the driver of this name, under its safety check."""
         if not self._drivers:
             self.make_drivers()
         driven = self.env(*self._parts[name]), self._drivers[name], name, seed, vehicles
-        if recordings is None:
-            result = drive(*driven, make_metrics)
+        if self.setup.recordings is None:
+            result = drive(*driven, self.setup.make_metrics)
         else:
-            recording, result = record_episode(*driven, make_metrics)
-            recordings.keep(recording, result)
+            recording, result = record_episode(*driven, self.setup.make_metrics)
+            self.setup.recordings.keep(recording, result)
         return replace(result, group=self._groups[name])
 
     def close(self) -> None:
@@ -229,30 +216,31 @@ class _Equipment:
 
 _latest: list[_Equipment] = []
 """The environments and drivers of the latest episode of this process; empty at first."""
-_latest_bytes: list[tuple[bytes, tuple[MakeMetrics, RecordingFolder | None]]] = []
-"""The bytes of which they were made, in another process, and the rest of what these held."""
 
 
-def _equipment(config: Config, specs: tuple[DriverSpec, ...], custom: CustomParts) -> _Equipment:
+def _equipment(setup: Setup) -> _Equipment:
     """Return the environments and drivers, kept for the next episodes that need the same."""
-    if not _latest or _latest[0].given != (config, specs, custom):
+    if not _latest or _latest[0].setup != setup:
         _close()
-        _latest.append(_Equipment(config, specs, custom))
+        _latest.append(_Equipment(setup))
     return _latest[0]
 
 
-def _drive(job: _Packed) -> EpisodeResult:
-    if not _latest_bytes or _latest_bytes[0][0] != job.given:
-        _close()
-        config, specs, custom, how = cloudpickle.loads(job.given)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DrlAvWarning)  # the first process has warned
-            _equipment(config, specs, custom).make_drivers()
-        _latest_bytes.append((job.given, how))
-    return _latest[0].drive(job.driver, job.seed, job.vehicles, *_latest_bytes[0][1])
+@lru_cache(1)
+def _unpacked(setup: bytes) -> _Equipment:
+    """Return the environments and drivers, in another process than the first."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DrlAvWarning)  # the first process has warned
+        equipment = _equipment(cloudpickle.loads(setup))
+        equipment.make_drivers()
+    return equipment
+
+
+def _drive(job: tuple[bytes, tuple[int, int, str]]) -> EpisodeResult:
+    setup, episode = job
+    return _unpacked(setup).drive(*episode)
 
 
 def _close() -> None:
-    _latest_bytes.clear()
     while _latest:
         _latest.pop().close()
