@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from itertools import chain, pairwise
 from pathlib import Path
@@ -130,13 +130,25 @@ def _first(frames: Iterator[Picture], path: Path) -> Picture:
 
 
 def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: float) -> int:
-    """Write an .mp4 file to ``temporary``; return the number of frames. Errors name ``path``."""
+    """Write an .mp4 file (H.264) to ``temporary``; return the number of frames.
+
+    Errors name ``path``.
+    """
     first = _even(_first(frames, path))
-    height, width = first.shape[:2]
-    with _encoding(path):
-        encoder = _encoder(temporary, (width, height), fps)
+    encoder = _ffmpeg().write_frames(
+        str(temporary),
+        first.shape[1::-1],
+        fps=fps,
+        codec="libx264",
+        pix_fmt_out="yuv420p",
+        macro_block_size=1,
+        ffmpeg_log_level="quiet",
+        output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart"],
+    )
     count = 0
     with closing(encoder):
+        with _encoding(path):
+            encoder.send(None)
         for frame in chain([first], map(_even, frames)):
             with _encoding(path):
                 encoder.send(np.ascontiguousarray(frame))
@@ -145,24 +157,6 @@ def _write_mp4(temporary: Path, path: Path, frames: Iterator[Picture], fps: floa
         if _ffmpeg().count_frames_and_secs(str(temporary))[0] != count:
             raise RuntimeError("frames are missing from the file")
     return count
-
-
-def _encoder(
-    temporary: Path, size: tuple[int, int], fps: float
-) -> Generator[None, Picture | None, None]:
-    """Return an H.264 encoder; its method ``send`` takes frames of ``size`` (width, height)."""
-    encoder: Generator[None, Picture | None, None] = _ffmpeg().write_frames(
-        str(temporary),
-        size,
-        fps=fps,
-        codec="libx264",
-        pix_fmt_out="yuv420p",
-        macro_block_size=1,
-        ffmpeg_log_level="quiet",
-        output_params=["-crf", "20", "-preset", "fast", "-movflags", "+faststart"],
-    )
-    encoder.send(None)
-    return encoder
 
 
 def _even(frame: Picture) -> Picture:
