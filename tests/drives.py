@@ -1,5 +1,6 @@
 """Driving an environment by the numbers of actions."""
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +11,7 @@ from programs import python
 
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
+from drl_av.evaluation.recording import Recording
 from drl_av.files import Row
 
 KEEP, BRAKE, HARD_BRAKE, RIGHT, LEFT = 0, 2, 3, 4, 8
@@ -60,6 +62,11 @@ def traffic_row(driver: str, traffic: str, seed: int, speed: float, hit: bool = 
         "collided": str(hit),
         "ego_hit": str(hit),
     }
+
+
+def hash_of(recording: Recording) -> str:
+    """The SHA-256 of all positions and speeds of a recorded episode."""
+    return hashlib.sha256(recording.states.tobytes()).hexdigest()
 
 
 def start(env: HighwayEnv, vehicles: int, seed: int = 0) -> dict[str, Any]:

@@ -65,10 +65,6 @@ class Recording:
     ego_model: EgoModel | None = None
     """The parameters of SUMO's models, if they drove the ego; None if the driver's actions did."""
 
-    def hash(self) -> str:
-        """Return the SHA-256, in hex, of all positions and speeds."""
-        return hashlib.sha256(np.ascontiguousarray(self.states).tobytes()).hexdigest()
-
     @property
     def road(self) -> Road:
         """The road of the episode's scenario; raises ScenarioError if that cannot be read."""

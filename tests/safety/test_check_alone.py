@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from drives import hash_of
 
 from drl_av.config import Config
 from drl_av.drivers.checked import CheckedDriver, PolicyDriver
@@ -132,7 +133,7 @@ def test_a_checked_driver_in_an_unchecked_environment_drives_as_the_bare_one_und
     checked = CheckedDriver(RandomDriver(), named_check(SHORT))
     inside, outside = recorded("paper", RandomDriver()), recorded("permit_all", checked)
     bare = recorded("permit_all", RandomDriver())
-    assert outside.hash() == inside.hash() != bare.hash()
+    assert hash_of(outside) == hash_of(inside) != hash_of(bare)
     assert checked.triggers > 5
     assert (outside.proposed != inside.proposed).sum() == checked.triggers
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import printed_by_a_fresh_process
+from drives import hash_of, printed_by_a_fresh_process
 from programs import python
 from worlds import CENTER, LEFT, RIGHT, ROAD, seen_from
 
@@ -204,7 +204,7 @@ def test_without_a_command_no_vehicle_leaves_a_slow_lane(placed: Placed) -> None
 
 def trajectory(config: Config = MIX, seed: int = 3) -> str:
     session = ReplaySession(config, RandomDriver(), "random", seed, 30)
-    return session.drive(None)[0].hash()
+    return hash_of(session.drive(None)[0])
 
 
 @pytest.fixture(scope="module")
