@@ -17,7 +17,6 @@ from drl_av.driving.maneuver import plan_with
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, infer_action
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of, with_check
-from drl_av.env.docstring import DOCSTRING
 from drl_av.env.episode_start import (
     TrafficSetup,
     drawn_traffic,
@@ -46,7 +45,24 @@ from drl_av.simulation.vehicle_calls import EgoModel
 
 
 class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle):
-    __doc__ = DOCSTRING
+    """The ego on a highway with other vehicles, one decision a second (Fig. 3 of the paper).
+
+    Actions are ``Discrete(12)``, ``4 * lateral + longitudinal``; observations a ``Box`` of shape
+    (27,), float32, about [-1, 1]. The tables of both and of ``info``: ``docs/environment.md``.
+
+    Args:
+        scenario: Folder of a scenario, or the name of one that ships with drl-av.
+        safety_check: Name of a check, or a function from a scene and an action to a ``Verdict``.
+        config: A preset's name, a TOML file, a mapping of sections, or a Config.
+        render_mode: None, "human" (sumo-gui) or "rgb_array", which needs no screen.
+        action_mask: Whether ``info`` has the mask; True by ``gymnasium.make``.
+        reward: Function of a ``Transition``, or its ``MODULE:NAME``, in place of the reward.
+        observation: Names of groups of indicators, "wide", or an object with a ``space``.
+        sumo_options: Options of SUMO itself, which then starts again at each reset.
+
+    Raises:
+        ConfigError, ScenarioError: an argument is wrong, or the scenario missing or damaged.
+    """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
         "render_modes": ["human", "rgb_array"],
