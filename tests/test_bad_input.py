@@ -154,7 +154,7 @@ def test_a_table_that_is_not_the_checkpoint_s_is_refused_and_stays_as_it_is(
         numbers["sizes"]["episodes.csv"] += fewer
         save(run.checkpoint_file, tensors, numbers)
         run.episodes_file.write_bytes(held)
-        with pytest.raises(CheckpointError, match="does not hold the rows") as error:
+        with pytest.raises(CheckpointError, match="has lost rows") as error:
             run.restore(build_training(env))
         sentence(error.value)
         assert run.episodes_file.read_bytes() == held

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -123,60 +123,32 @@ class Run:
                 "take an older copy, or begin a new run."
             ) from error
         self._parts = custom_inputs(training.config, self._custom)
-        self._require_parts(begun, training.config, set() if training.episodes_done else OPEN)
-        for name, size in sizes.items():
-            self._require_rows(self.folder / name, size, training.episodes_done)
+        for name, now in self._parts.items():
+            was, option = begun.get(name, ""), "--" + name.replace("_", "-")
+            if was != now and (training.episodes_done or name not in OPEN):
+                how = f"with {option} {_without_digest(was)}" if was else f"without {option}"
+                if name == "scenario":
+                    how = f"with other files of the scenario {training.config.simulation.scenario}"
+                raise RunError(
+                    f"{self.folder} was begun {how}: give all parts, and their files, as they were "
+                    "then, or begin a new run."
+                )
+        for name, row in zip(tables, (EpisodeRow, EvaluationRow), strict=True):
+            file, size = self.folder / name, sizes[name]
+            held = file.read_bytes()[:size] if file.is_file() else b""
+            is_whole = held.startswith(table_bytes(row)) and held.endswith(b"\n")
+            counts = [line.partition(b",")[0] for line in held.splitlines()[1:]]
+            counted = [b"%d" % (n + 1) for n in range(training.episodes_done)]
+            if len(held) < size or not is_whole or (row is EpisodeRow and counts != counted):
+                raise CheckpointError(
+                    f"{file} has lost rows that {self.checkpoint_file.name} counts, or has others: "
+                    "put the file back, or begin a new run."
+                )
         for name, size in sizes.items():
             file = self.folder / name
             if file.stat().st_size > size:
                 with _refusals_of(file):
                     os.truncate(file, size)
-
-    def _require_parts(
-        self, begun: Mapping[str, str], config: Config, but: Collection[str]
-    ) -> None:
-        """Raise RunError unless scenario and user's parts are those of the training's beginning.
-
-        The parts ``but`` may be others.
-        """
-        for name, now in self._parts.items():
-            was, option = begun.get(name, ""), "--" + name.replace("_", "-")
-            if was == now or name in but:
-                continue
-            word, now_word = _without_digest(was), _without_digest(now)
-            if name == "scenario":
-                reason = f"other files of the scenario {config.simulation.scenario}: put them back"
-            elif not was:
-                raise RunError(
-                    f"{self.folder} was begun without {option}: leave it out, or begin a new run."
-                )
-            elif word == now_word:
-                reason = f"another module of {option} {word}: put it back"
-            elif "<" in word:
-                reason = f"{option} {word}, which has no name of its own and cannot be given again"
-                raise RunError(f"{self.folder} was begun with {reason}: begin a new run.")
-            else:
-                reason = f"{option} {word}: give it again"
-            raise RunError(f"{self.folder} was begun with {reason}, or begin a new run.")
-
-    def _require_rows(self, file: Path, size: int, episodes: int) -> None:
-        """Raise CheckpointError unless the first ``size`` bytes of a table are whole rows."""
-        held = file.read_bytes()[:size] if file.is_file() else b""
-        if len(held) < size:
-            raise CheckpointError(
-                f"{file} has lost rows that {self.checkpoint_file.name} counts: "
-                "put the file back, or begin a new run."
-            )
-        header, *rows = held.decode(errors="replace").split("\n")
-        of_episodes = file == self.episodes_file
-        names = table_bytes(EpisodeRow if of_episodes else EvaluationRow).decode().rstrip()
-        numbers = [row.partition(",")[0] for row in rows[:-1]]
-        is_whole = bool(rows) and not rows[-1] and header == names
-        if not is_whole or (of_episodes and numbers != [str(n + 1) for n in range(episodes)]):
-            raise CheckpointError(
-                f"{file} does not hold the rows that {self.checkpoint_file.name} counts: "
-                "put the file back, or begin a new run."
-            )
 
     def save(self, training: Training) -> None:
         """Write the policy and the checkpoint, each file atomically.
@@ -367,22 +339,12 @@ def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
 
 def _require_its_rewards(run: Path, found: Mapping[str, Any], config: Config, reward: str) -> None:
     """Raise RunError unless the experience of a checkpoint has the rewards of this training."""
-    away = "move its checkpoint.safetensors away to adapt without that experience."
     was, before = str(dict(found.get("custom", {})).get("reward", "")), from_toml(found["config"])
-    if was != reward:
-        word = _without_digest(was)
-        how, remedy = f"with --reward {word}", "give it again, or "
-        if not was:
-            how, remedy = "without --reward", "leave it out, or "
-        elif word == _without_digest(reward):
-            how, remedy = f"with another module of --reward {word}", "put it back, or "
-        elif "<" in word:
-            remedy = ""
+    then = was, before.reward, before.learning.discount
+    if then != (reward, config.reward, config.learning.discount):
+        how = f"with --reward {_without_digest(was)}" if was else "without --reward"
         raise RunError(
-            f"{run} was trained {how}, and its experience has those rewards: {remedy}{away}"
-        )
-    if (before.reward, before.learning.discount) != (config.reward, config.learning.discount):
-        raise RunError(
-            f"{run} was trained with other settings of [reward] or learning.discount, which its "
-            f"experience has: leave them as they were, or {away}"
+            f"{run} was trained {how} and with the [reward] and learning.discount of its "
+            "config.toml, which its experience has: give all, and their files, as they were then, "
+            "or move its checkpoint.safetensors away to adapt without that experience."
         )

@@ -301,21 +301,24 @@ def test_a_training_goes_on_with_the_reward_that_it_began_with(
     assert again.startswith("train --out run --resume --reward=")
     assert again.endswith(" --tensorboard")
     for options, message in {
-        (): f"was begun with --reward {mine}:price: give it again",
-        (priced[0],): "was begun with --sumo-options --step-log.period 7: give it again",
+        (): f"was begun with --reward {mine}:price: give all",
+        (priced[0],): "was begun with --sumo-options --step-log.period 7: give all",
     }.items():
         assert main(["train", "--out", "run", "--resume", *options]) == 1
         assert message in error_message(capsys)
     Path(f"{mine}.py").write_text(MODULE + "\n")
     assert main(shlex.split(again)) == 1
-    assert f"was begun with another module of --reward {mine}:price: put" in error_message(capsys)
+    assert (
+        f"was begun with --reward {mine}:price: give all parts, and their files"
+        in error_message(capsys)
+    )
     Path(f"{mine}.py").write_text(MODULE)
     assert main(shlex.split(again)) == 0
     rows = list(csv.DictReader(Path("run/episodes.csv").read_text().splitlines()))
     assert [row["mean_reward"] for row in rows] == ["-0.125"] * 3
     assert main([*words[:2], "plain", *words[3:]]) == 0
     assert main(["train", "--out", "plain", "--resume", priced[0]]) == 1
-    assert "plain was begun without --reward: leave it out" in error_message(capsys)
+    assert "plain was begun without --reward: give all" in error_message(capsys)
 
 
 def test_the_reward_of_a_program_is_named_as_another_program_would(mine: str) -> None:

@@ -293,17 +293,17 @@ def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
     words = [*again, "--reward", "mine:one"]
     capsys.readouterr()
     assert main([*words, "-o", "learning.discount=0.5"]) == 1
-    assert "other settings of [reward] or learning.discount" in error_message(capsys)
+    assert "[reward] and learning.discount of its config.toml" in error_message(capsys)
     assert main([*words, "-o", "reward.collision_reward=-30"]) == 1
-    assert "other settings of [reward] or learning.discount" in error_message(capsys)
+    assert "[reward] and learning.discount of its config.toml" in error_message(capsys)
     assert main([*words, "--sumo-options=--no-such-option 3"]) == 1
     assert "--resume" in error_message(capsys)
     assert main(["adapt", "--out", "on", "--resume"]) == 1
-    assert "begun with --reward mine:one: give it again" in error_message(capsys)
+    assert "begun with --reward mine:one: give all" in error_message(capsys)
     assert main(["adapt", "--out", "on", "--resume", "--reward", "mine:one"]) == 0
     Path("mine.py").write_text("def one(transition):\n    return -1.0\n")
     assert main(["adapt", "paid", "--out", "off", "--reward", "mine:one"]) == 1
-    assert "another module of --reward mine:one, and its" in error_message(capsys)
+    assert "trained with --reward mine:one and with the" in error_message(capsys)
 
 
 def test_an_adaptation_that_is_stopped_at_once_has_the_driver_that_it_began_with(

@@ -161,7 +161,7 @@ def test_a_training_does_not_go_on_upon_another_road(
     assert main(["scenario", str(road), "--circumference-m", "400"]) == 0
     capsys.readouterr()
     assert main(command(run, "--resume")) == 1
-    assert f"with other files of the scenario {road}: put them back" in error_message(capsys)
+    assert f"with other files of the scenario {road}: give all" in error_message(capsys)
 
 
 @pytest.mark.parametrize(
