@@ -284,26 +284,23 @@ class Training:
         }
 
     def restore(self, tensors: State, numbers: dict[str, Any]) -> None:
-        """Restore exactly the result of ``state``; raises CheckpointError if it does not fit."""
-        self._learner.restore(part_of(tensors, "learner."))
-        self._buffer.restore(part_of(tensors, "buffer."))
-        restore_rng(self._rng, numbers["rng"])
+        """Restore exactly the result of ``state``.
+
+        Raises:
+            CheckpointError: the tensors do not fit the learner or the buffer of these settings;
+                the training must not go on.
+            LookupError, TypeError, ArithmeticError, ValueError: the numbers are none of a training.
+        """
+        try:
+            self._learner.restore(part_of(tensors, "learner."))
+            self._buffer.restore(part_of(tensors, "buffer."))
+        except (LookupError, TypeError, ValueError) as error:
+            raise CheckpointError(
+                "The stored training does not fit learning.hidden_units, learning.replay or the "
+                f"capacities ({error}): continue with those that it was begun with."
+            ) from error
+        self._rng.bit_generator.state = numbers["rng"]
         self.episodes_done = index(numbers["episodes_done"])
-
-
-def restore_rng(rng: np.random.Generator, state: dict[str, Any]) -> None:
-    """Set a random generator, in place, to a state from a checkpoint.
-
-    Raises:
-        CheckpointError: ``state`` belongs to another kind of generator.
-    """
-    try:
-        rng.bit_generator.state = state
-    except (ValueError, TypeError, KeyError) as error:
-        raise CheckpointError(
-            f"The stored state of a random generator is not one of {rng.bit_generator}: continue "
-            "with the version of numpy the run was started with."
-        ) from error
 
 
 def require_symmetry(config: Config, road: Road) -> None:

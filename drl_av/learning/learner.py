@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from drl_av.compiled import compiled
 from drl_av.drivers.network import Float32Array, Layers, QNetwork, activate_backward, forward
 from drl_av.drivers.policy_file import State
-from drl_av.errors import CheckpointError, DrlAvError
+from drl_av.errors import DrlAvError
 from drl_av.learning.replay import Batch
 
 try:
@@ -196,15 +196,8 @@ class Learner:
         """Set the learner to exactly the state that ``state`` returned.
 
         Raises:
-            CheckpointError: a tensor is missing, or its shape or type is wrong for this network.
+            LookupError, TypeError, ValueError: a tensor is missing, or its size or type is wrong
+                for this network; the learner must not be used any more.
         """
         for name, tensor in self._tensors().items():
-            stored = state.get(name)
-            if stored is None or stored.shape != tensor.shape or stored.dtype != np.float32:
-                raise CheckpointError(
-                    f"The stored learner's {name!r} does not fit a network of "
-                    f"{' -> '.join(map(str, self.network.sizes))}: continue with the configuration "
-                    "the run was started with."
-                )
-        for name, tensor in self._tensors().items():
-            tensor.copy_(torch.from_numpy(np.asarray(state[name])))
+            np.copyto(tensor.numpy(), state[name].reshape(tensor.shape), casting="no")

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
-from drl_av.errors import CheckpointError
 from drl_av.learning.replay import Batch, UniformBuffer, batch_of
 
 Numbers = NDArray[np.float64]
@@ -134,21 +133,12 @@ class PrioritizedBuffer(UniformBuffer):
         return self.ring.state() | {"priorities": priorities, "greatest": np.array(self._greatest)}
 
     def restore(self, state: State) -> None:
-        priorities = state.get("priorities", np.empty(0))
-        greatest = state.get("greatest", np.empty(0))
-        fits = (
-            priorities.dtype == greatest.dtype == np.float64
-            and greatest.shape == ()
-            and priorities.shape == state.get("rows", np.empty(0)).shape[:1]
-            and bool(((priorities > 0) & (priorities <= greatest)).all())
-            and bool(greatest <= np.finfo(np.float64).max / max(len(priorities), 1))
-        )
-        if not fits:
-            raise CheckpointError(
-                "The stored priorities do not fit the stored experience: continue with the "
-                "configuration the run was started with."
-            )
+        rows, priorities, greatest = state["rows"], state["priorities"], float(state["greatest"])
+        in_range = (priorities > 0) & (priorities <= greatest)
+        finite = greatest * len(rows) < np.inf
+        if priorities.shape != rows.shape[:1] or not in_range.all() or not finite:
+            raise ValueError("the priorities do not fit the rows")
         self.ring.restore(state)
         self.tree = SumTree(len(self.ring.rows))
         self.tree.fill(priorities)
-        self._greatest = float(greatest)
+        self._greatest = greatest

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
-from drl_av.errors import CheckpointError, ConfigError
+from drl_av.errors import ConfigError
 
 MEMORY = Path("/proc/meminfo")
 """File in which Linux reports the available memory; other systems do not have it."""
@@ -136,25 +136,14 @@ class Ring:
         """Set the ring to exactly the state that ``state`` returned.
 
         Raises:
-            CheckpointError: the rows do not fit a ring of this capacity and observation size.
+            LookupError, TypeError, ValueError: the rows do not fit a ring of this capacity and
+                observation size; the ring stays as it was.
         """
-        rows = state.get("rows", np.empty(0))
-        next_slot = state.get("next_slot", np.empty(0))
-        capacity, width = self.numbers.shape
-        fits = (
-            rows.dtype == np.float32
-            and rows.shape[1:] == (width,)
-            and next_slot.shape == ()
-            and 0 <= next_slot < capacity
-            and (len(rows) == capacity or len(rows) == next_slot)
-        )
-        if not fits:
-            raise CheckpointError(
-                f"The stored experience does not fit a buffer of {capacity} rows of {width} "
-                "numbers: continue with the configuration the run was started with."
-            )
-        self.filled, self.next_slot = len(rows), int(next_slot)
-        self.numbers[: self.filled] = rows
+        rows, slot = state["rows"], int(state["next_slot"])
+        if not 0 <= slot < len(self.rows) or len(rows) not in (slot, len(self.rows)):
+            raise ValueError(f"{len(rows)} rows for {len(self.rows)}")
+        np.copyto(self.numbers[: len(rows)], rows, casting="no")
+        self.filled, self.next_slot = len(rows), slot
 
 
 def part_of(state: State, prefix: str) -> State:
@@ -167,8 +156,8 @@ class Buffer(Protocol):
 
     ``add_safe`` stores a transition, ``add_collision`` stores a terminal transition, and ``sample``
     draws a minibatch. ``collisions`` is the number of terminal transitions. ``state`` returns a
-    copy of the contents; ``restore`` loads exactly these, or raises CheckpointError if they do not
-    fit.
+    copy of the contents; ``restore`` loads exactly these, or raises LookupError, TypeError or
+    ValueError if they do not fit.
     """
 
     @property

@@ -218,7 +218,7 @@ def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
         (["pretrained"], "pretrained learned by PPO, which has no continual adaptation: give a"),
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be from 0 to 1"),
         (["--learning-rate", "nan"], "learning.learning_rate is nan"),
-        (["--config", "narrow.toml"], "does not fit a network of 27 -> 7 -> 7 -> 12"),
+        (["--config", "narrow.toml"], "does not fit learning.hidden_units, learning.replay or the"),
         (["--config", "blind.toml"], "was trained with other [observation] settings"),
         (["--resume"], "is not a run: it has no config.toml"),
     ],
@@ -257,12 +257,11 @@ def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(
 def test_experience_of_another_replay_is_not_dropped_in_silence(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = tmp_path / "uniform.toml"
-    settings.write_text('[learning]\nreplay = "uniform"\n')
-    out = tmp_path / "out"
-    assert main(["adapt", str(trained), "--out", str(out), "--config", str(settings)]) == 1
-    assert "does not fit a buffer of 150000 rows" in error_message(capsys)
-    assert not out.exists()
+    for settings in ("replay=uniform", "replay=prioritized", "safe_capacity=1"):
+        words = ["adapt", str(trained), "--out", str(tmp_path / "out")]
+        assert main([*words, "-o", f"learning.{settings}"]) == 1
+        assert "does not fit learning.hidden_units, learning.replay or" in error_message(capsys)
+        assert not (tmp_path / "out").exists()
 
 
 def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> None:

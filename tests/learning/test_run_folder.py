@@ -286,6 +286,7 @@ def test_a_new_run_is_on_the_disk_before_it_has_its_name(
         ("sizes", {"episodes.csv": float("inf"), "evaluations.csv": 0}),
         ("sizes", {"episodes.csv": -1, "evaluations.csv": 0}),
         ("rng", {"bit_generator": "PCG64", "state": {"state": 10**60, "inc": 1}}),
+        ("rng", {"bit_generator": "MT19937"}),
     ],
 )
 def test_numbers_that_no_training_writes_are_refused_and_change_no_file(
