@@ -1,8 +1,7 @@
 """Settings of the background traffic, the vehicles around the ego, and its kinds by name."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from drl_av.config.section import Section, setting, there_is_no
 from drl_av.errors import ConfigError
@@ -164,80 +163,53 @@ class TrafficConfig(Section):
         return self.standing_share, self.crawling_share, self.fast_share
 
 
-class TrafficPreset(NamedTuple):
-    """A kind of traffic: its meaning, and the settings of [traffic] that it changes."""
-
-    meaning: str
-    settings: Mapping[str, tuple[Any, str]]
-    """Maps the name of each changed setting to a pair: its value, and the source of this value."""
-
-
-_NO_PAPER_DRIVERS = {
-    name: (share, "ours: none of the drivers of Sec. IV-B")
-    for name, share in NO_PAPER_DRIVERS.items()
+TRAFFIC_PRESETS: dict[str, dict[str, Any]] = {
+    "calm": NO_PAPER_DRIVERS,  # lane changes are random only; no driver overtakes
+    "paper": {},  # IDM, finite-state, level-0 and level-1 drivers, a quarter of each
+    # SUMO's drivers change lanes to get ahead, with SUMO's default lcSpeedGain
+    "overtaking": NO_PAPER_DRIVERS | {"speed_gain_min": 1.0, "speed_gain_max": 1.0},
+    # speeds, gaps and lane changes similar to those measured on US highways, and trucks; "fitted"
+    # to speed, time gap and range of the SPMD and IVBSS studies, with
+    # verification/traffic_moments.py, without regard to the ego's results
+    "naturalistic": NO_PAPER_DRIVERS
+    | {
+        "desired_speed_min_m_s": 34.0,  # fitted; 35.5 on I-24, CorridorCalibration 3b
+        "desired_speed_max_m_s": 40.0,  # the road's speed limit
+        "headway_min_s": 0.5,  # SUMO's step; IDM keeps more near its desired speed
+        "headway_max_s": 0.87,  # fitted
+        # Kusari, arXiv:2109.11620: 1.19 +- 0.26, two standard deviations to each side
+        "acceleration_min_m_s2": 0.67,
+        "acceleration_max_m_s2": 1.71,
+        "speed_gain_min": 0.6,  # fitted to highD's 0.12 lane changes a vehicle-km
+        "speed_gain_max": 0.6,
+        "random_lane_changes_per_s": 0.0,  # every lane change is for speed
+        "overtake_right": True,  # usual on US highways, where the other values were measured
+        "keep_stopping_distance": True,  # ours
+        "truck_share": 0.1,  # 10 to 20 % of the vehicles on highways
+        # ours: about 60 mph, a limit for trucks in the United States
+        "truck_speed_min_m_s": 25.0,
+        "truck_speed_max_m_s": 28.0,
+        "truck_acceleration_m_s2": 0.67,  # ours: as the weakest car
+    },
+    # standing, crawling, hard-braking and fast vehicles (ours); by the defaults of the rest,
+    # crawling is below 30 km/h, fast is 8 m/s above the ego's highest speed, and a hard braking,
+    # once in 50 s, is at strict's bound, from 30 m/s down to 18
+    "hazards": NO_PAPER_DRIVERS
+    | {
+        "speed_gain_min": 1.0,
+        "speed_gain_max": 1.0,
+        "standing_share": 0.01,  # 0.4 of 40 vehicles
+        "crawling_share": 0.02,
+        "fast_share": 0.1,
+        "hard_braking_share": 0.15,
+        "keep_stopping_distance": True,
+        "random_lane_changes_per_s": 0.01,  # five times that of calm, to both sides
+    },
 }
-_BY_SUMO = 1.0, "SUMO's default lcSpeedGain"
-_KUSARI = "Kusari, arXiv:2109.11620: 1.19 +- 0.26, two standard deviations to each side"
-_TRUCK_LIMIT = "ours: about 60 mph, a limit for trucks in the United States"
-_FITTED = "fitted to speed, time gap and range of the SPMD and IVBSS studies"
-"""Fitted with ``verification/traffic_moments.py``, without regard to the ego's results."""
-
-TRAFFIC_PRESETS: dict[str, TrafficPreset] = {
-    "calm": TrafficPreset("lane changes are random only; no driver overtakes", _NO_PAPER_DRIVERS),
-    "paper": TrafficPreset("IDM, finite-state, level-0 and level-1 drivers, a quarter of each", {}),
-    "overtaking": TrafficPreset(
-        "SUMO's drivers change lanes to get ahead",
-        _NO_PAPER_DRIVERS | {"speed_gain_min": _BY_SUMO, "speed_gain_max": _BY_SUMO},
-    ),
-    "naturalistic": TrafficPreset(
-        "speeds, gaps and lane changes similar to those measured on US highways, and trucks",
-        _NO_PAPER_DRIVERS
-        | {
-            "desired_speed_min_m_s": (34.0, f"{_FITTED}; 35.5 on I-24, CorridorCalibration 3b"),
-            "desired_speed_max_m_s": (40.0, "the road's speed limit"),
-            "headway_min_s": (0.5, "SUMO's step; IDM keeps more near its desired speed"),
-            "headway_max_s": (0.87, _FITTED),
-            "acceleration_min_m_s2": (0.67, _KUSARI),
-            "acceleration_max_m_s2": (1.71, _KUSARI),
-            "speed_gain_min": (0.6, "fitted to highD's 0.12 lane changes a vehicle-km"),
-            "speed_gain_max": (0.6, "the same"),
-            "random_lane_changes_per_s": (0.0, "every lane change is for speed"),
-            "overtake_right": (True, "usual on US highways, where the other values were measured"),
-            "keep_stopping_distance": (True, "ours"),
-            "truck_share": (0.1, "10 to 20 % of the vehicles on highways"),
-            "truck_length_m": (12.0, "ours"),
-            "truck_width_m": (2.5, "ours"),
-            "truck_speed_min_m_s": (25.0, _TRUCK_LIMIT),
-            "truck_speed_max_m_s": (28.0, _TRUCK_LIMIT),
-            "truck_acceleration_m_s2": (0.67, "ours: as the weakest car"),
-        },
-    ),
-    "hazards": TrafficPreset(
-        "standing, crawling, hard-braking and fast vehicles, and lane changes into one lane from "
-        "both sides",
-        _NO_PAPER_DRIVERS
-        | {
-            "speed_gain_min": _BY_SUMO,
-            "speed_gain_max": _BY_SUMO,
-            "standing_share": (0.01, "ours: 0.4 of 40 vehicles"),
-            "crawling_share": (0.02, "ours"),
-            "crawling_speed_max_m_s": (8.0, "ours: below 30 km/h"),
-            "fast_share": (0.1, "ours"),
-            "fast_speed_m_s": (38.0, "ours: 8 m/s above the ego's highest speed"),
-            "fast_speed_gain": (5.0, "ours"),
-            "hard_braking_share": (0.15, "ours"),
-            "hard_brakes_per_s": (0.02, "ours: once in 50 s"),
-            "hard_brake_s": (3, "ours: at strict's bound, from 30 m/s down to 18"),
-            "keep_stopping_distance": (True, "ours"),
-            "random_lane_changes_per_s": (0.01, "ours: five times that of calm, to both sides"),
-        },
-    ),
-}
+"""The kinds of traffic by name: the settings of [traffic] that each changes, and their sources."""
 SINGLE_PRESETS = tuple(TRAFFIC_PRESETS)
 """The kinds of traffic except ``all``, for which each episode draws one of these."""
-TRAFFIC_PRESETS["all"] = TrafficPreset(
-    "each episode draws one of the other kinds", {"presets": (SINGLE_PRESETS, "ours")}
-)
+TRAFFIC_PRESETS["all"] = {"presets": SINGLE_PRESETS}
 
 
 def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
@@ -251,6 +223,5 @@ def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
     """
     if not isinstance(name, str) or name not in TRAFFIC_PRESETS:
         raise ConfigError(there_is_no("kind of traffic", name, "kinds", TRAFFIC_PRESETS))
-    found = {key: value for key, (value, _) in TRAFFIC_PRESETS[name].settings.items()}
     stays = BESIDE_PRESETS if traffic.presets else BESIDE_PRESETS[:2]
-    return TrafficConfig(**{key: getattr(traffic, key) for key in stays} | found)
+    return TrafficConfig(**{key: getattr(traffic, key) for key in stays} | TRAFFIC_PRESETS[name])

@@ -1,6 +1,6 @@
 """Kinds of traffic by name, on the command line, in a file and in a program."""
 
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -76,18 +76,6 @@ def test_kinds_to_draw_leave_no_share_of_the_papers_drivers_beside_them() -> Non
         from_toml('[traffic]\npresets = ["paper"]\nlevel_1_share = 0.5\n')
     with pytest.raises(ConfigError, match=r"has kind and presets.*: leave one of them out"):
         from_toml('[traffic]\nkind = "calm"\npresets = ["paper"]\n')
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_a_kind_names_settings_that_are_there_and_says_where_they_come_from(name: str) -> None:
-    known = {item.name for item in fields(TrafficConfig)} - {"vehicles_min", "vehicles_max"}
-    kind = TRAFFIC_PRESETS[name]
-    assert set(kind.settings) <= known
-    assert kind.meaning
-    found = traffic_preset(name, TrafficConfig())
-    for key, (value, source) in kind.settings.items():
-        assert source
-        assert getattr(found, key) == value
 
 
 def test_a_kind_keeps_the_number_of_vehicles_and_nothing_else() -> None:
