@@ -1,4 +1,4 @@
-"""Wrappers: a driver with a check of its own, one that drives steadily, a function as driver."""
+"""Wrappers: a driver that drives steadily, and a function as driver."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,6 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import (
     ACTIONS,
     Action,
@@ -21,48 +20,13 @@ from drl_av.driving.actions import (
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, EGO_ID, Snapshot
 from drl_av.safety import action_mask
-from drl_av.safety.check import Rule, SafetyCheck, Verdict, apply_check
+from drl_av.safety.check import Rule, SafetyCheck, apply_check
 
 STEADY = ACTIONS[0]
 """Keep the lane and the speed."""
-
-
-class CheckedDriver:
-    """A driver with its own safety check, which examines the actions of an inner driver.
-
-    In an environment with the safety check ``permit_all``, it drives exactly as the inner driver
-    does in an environment with this check.
-
-    Raises:
-        ConfigError: ``driver`` is ``sumo`` or ``sumo-tuned``, which propose no actions.
-    """
-
-    def __init__(self, driver: Driver, check: SafetyCheck) -> None:
-        if isinstance(driver, SumoDriver):
-            raise ConfigError(
-                "SUMO itself drives the ego with this driver, so a check has no actions to "
-                "examine: wrap another driver."
-            )
-        self._driver, self._check = driver, check
-        self.verdict: Verdict | None = None
-        """The verdict on the last proposal; None before the first one."""
-        self.triggers = 0
-        """Number of proposals since ``start`` that the check changed."""
-
-    def start(self, seed: int) -> None:
-        """Prepare for an episode: set ``triggers`` to 0, and start the inner driver."""
-        self.verdict, self.triggers = None, 0
-        self._driver.start(seed)
-
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the inner driver's proposal, or the action by which the check replaces it."""
-        self.verdict = apply_check(self._check, scene, self._driver.act(scene, observation))
-        self.triggers += self.verdict.rule is not Rule.NONE
-        return self.verdict.action
 
 
 class SteadyDriver(Driver):

@@ -1,4 +1,4 @@
-"""The safety check by itself: a mask over the actions, and a wrapper around any driver."""
+"""The safety check by itself, a mask over the actions; and a driver that drives steadily."""
 
 from functools import partial
 
@@ -9,7 +9,7 @@ from hypothesis import given
 from worlds import BARRICADED_ROAD, SLOW_LEADER, ahead, behind, scene, scenes
 
 from drl_av.config import Config, SafetyConfig
-from drl_av.drivers.checked import CheckedDriver, PolicyDriver, SteadyDriver
+from drl_av.drivers.checked import PolicyDriver, SteadyDriver
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
@@ -74,12 +74,9 @@ def test_an_action_of_plain_numbers_is_one_of_the_12(kind: type) -> None:
     assert executed.number == 11
 
 
-def test_no_check_is_put_around_sumo_which_proposes_nothing() -> None:
-    sumo = SumoDriver(EgoModel())
-    with pytest.raises(ConfigError, match=r"SUMO itself drives the ego .* wrap another driver"):
-        CheckedDriver(sumo, PAPER)
+def test_sumo_proposes_nothing() -> None:
     with pytest.raises(ConfigError, match=r"has no actions: .* env\.unwrapped\.hand_over"):
-        sumo.act(worlds.ALONE, NOTHING)
+        SumoDriver(EgoModel()).act(worlds.ALONE, NOTHING)
 
 
 @given(scenes())
@@ -87,21 +84,6 @@ def test_what_the_mask_permits_fires_no_rule_and_what_it_forbids_does(scene: Sce
     for allowed, action in zip(action_mask(PAPER, scene), ACTIONS, strict=True):
         verdict = PAPER(scene, action)
         assert (allowed == 1) == (verdict == Verdict(action, Rule.NONE))
-
-
-def test_a_checked_driver_carries_out_what_the_check_says_and_counts() -> None:
-    traffic_commands = iter([1, 3, 9])
-    driver = CheckedDriver(PolicyDriver(lambda observation: next(traffic_commands)), PAPER)
-    driver.start(0)
-    assert driver.act(SLOW_LEADER, NOTHING).number == 0
-    assert driver.verdict == Verdict(ACTIONS[0], Rule.IN_LANE)
-    assert driver.act(SLOW_LEADER, NOTHING).number == 3
-    assert driver.verdict == Verdict(ACTIONS[3], Rule.NONE)
-    assert driver.act(SLOW_LEADER, NOTHING).number == 0
-    assert driver.verdict == Verdict(ACTIONS[0], Rule.IN_LANE | Rule.LANE_CHANGE)
-    assert driver.triggers == 2
-    driver.start(1)
-    assert (driver.verdict, driver.triggers) == (None, 0)
 
 
 HOLDING = Config().updated("driver", hold_s=10.0)
