@@ -111,29 +111,13 @@ def _require_settings(config: Config) -> None:
                 f"{section}.{min(others)} belongs to the training by Algorithm 1, and PPO at scale "
                 "would ignore it: leave it out. What PPO pays for stands in [ppo]."
             )
-    if ppo.worlds < kinds:
+    rest = ppo.batch_size % ppo.worlds + ppo.batch_size % ppo.minibatch_size
+    if ppo.worlds < kinds or ppo.decisions < ppo.batch_size or rest:
         raise ConfigError(
-            f"ppo.worlds is {ppo.worlds}, but traffic.presets has {kinds} kinds of traffic: set "
-            f"it to {kinds} or more."
-        )
-    if ppo.batch_size % ppo.worlds:
-        raise ConfigError(
-            f"ppo.batch_size is {ppo.batch_size}, but must be a multiple of {ppo.worlds} worlds."
-        )
-    if ppo.decisions < ppo.batch_size:
-        raise ConfigError(
-            f"ppo.decisions is {ppo.decisions}, but must be at least ppo.batch_size, "
-            f"{ppo.batch_size}: nothing is learned before a batch is full."
-        )
-    if ppo.minibatch_size > ppo.batch_size:
-        raise ConfigError(
-            f"ppo.minibatch_size is {ppo.minibatch_size}, but a batch has {ppo.batch_size} "
-            "decisions (ppo.batch_size): lower it to as many, or raise that."
-        )
-    if min(ppo.minibatch_size, ppo.batch_size % ppo.minibatch_size or 2) == 1:
-        raise ConfigError(
-            f"ppo.minibatch_size is {ppo.minibatch_size}, which leaves a minibatch of one of "
-            f"ppo.batch_size, {ppo.batch_size}, decisions: set it to a divisor from 2 on."
+            f"ppo.worlds is {ppo.worlds}, minibatch_size {ppo.minibatch_size}, batch_size "
+            f"{ppo.batch_size} and decisions {ppo.decisions}: batch_size must be a multiple of the "
+            f"first two, decisions at least that, and worlds at least {kinds}, one for each kind "
+            "of traffic."
         )
 
 
