@@ -111,23 +111,19 @@ def seeds_of_worlds(seed: Any, worlds: int) -> list[int | None]:
     """Return the seed of each world: ``seed`` + i, or those that ``seed`` lists.
 
     Raises:
-        ConfigError: ``seed`` is no whole number, or does not list one or None for each world.
+        ConfigError: ``seed`` is no whole number below 2^63, and does not list one or None for each
+            world.
     """
     if seed is None:
         return [None] * worlds
-    if is_whole(seed):
-        seed = [int(seed) + row for row in range(worlds)]
-    listed = isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str)
-    if not listed or not all(one is None or is_whole(one) for one in seed):
-        raise ConfigError(f"seed is {seed!r}, but must be a whole number, or one for each world.")
-    if any(one is not None and one >= 2**63 for one in seed):
-        raise ConfigError(f"seed is {seed!r}, but must be below 2^63.")
-    if len(seed) != worlds:
+    seeds = [int(seed) + row for row in range(worlds)] if is_whole(seed) else seed
+    listed = isinstance(seeds, Sequence | np.ndarray) and len(seeds) == worlds
+    if not listed or not all(one is None or (is_whole(one) and one < 2**63) for one in seeds):
         raise ConfigError(
-            f"reset has {len(seed)} seeds, but there are {worlds} worlds: give one for each, or a "
-            "single one."
+            f"seed is {seed!r}, but must be a whole number below 2^63, or one for each of the "
+            f"{worlds} worlds."
         )
-    return [None if one is None else int(one) for one in seed]
+    return [None if one is None else int(one) for one in seeds]
 
 
 def actions_of_worlds(actions: Any, worlds: int) -> npt.NDArray[np.int64]:
