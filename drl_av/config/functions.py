@@ -4,8 +4,6 @@ import hashlib
 import importlib.util
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -23,8 +21,8 @@ def is_factory(word: str) -> bool:
 def import_function(word: str, what: str) -> Any:
     """Import the function ``module:name``; Python searches the working directory first.
 
-    From then on it also searches it last, for what the function itself imports when it is called.
-    ``what`` says for the error message what the function makes or is, such as "driver".
+    It does so from then on, also for what the function imports when it is called. ``what`` says
+    for the error message what the function makes or is, such as "driver".
 
     Raises:
         ConfigError: the module or the function does not exist, or the module cannot be imported.
@@ -32,12 +30,9 @@ def import_function(word: str, what: str) -> Any:
     if not is_factory(word):
         raise ConfigError(f"The {what} {word!r} is not the name of a function: write module:name.")
     module, _, name = word.partition(":")
-    folder = str(Path.cwd())
-    if folder not in sys.path:
-        sys.path.append(folder)
+    _search_here_first()
     try:
-        with _working_directory_first():
-            return getattr(importlib.import_module(module), name)
+        return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, SyntaxError) as error:
         raise ConfigError(
             f"The {what} {word!r} cannot be imported ({error}): write it as module:name, with "
@@ -45,21 +40,18 @@ def import_function(word: str, what: str) -> Any:
         ) from error
 
 
-@contextmanager
-def _working_directory_first() -> Iterator[None]:
+def _search_here_first() -> None:
+    """Put the working directory first on Python's path."""
     folder = str(Path.cwd())
-    sys.path.insert(0, folder)
-    try:
-        yield
-    finally:
-        sys.path.remove(folder)
+    if folder not in sys.path[:1]:
+        sys.path.insert(0, folder)
 
 
 def source_digest(word: str) -> str:
     """Return the SHA-256 of the module's file in ``module:name``; "" without such a file."""
     module, _, _ = word.partition(":")
-    with _working_directory_first():
-        found = importlib.util.find_spec(module)
+    _search_here_first()
+    found = importlib.util.find_spec(module)
     if found is None or not found.has_location or found.origin is None:
         return ""
     return hashlib.sha256(Path(found.origin).read_bytes()).hexdigest()
