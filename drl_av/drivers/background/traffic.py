@@ -166,21 +166,6 @@ def decide(
     ``scene`` is ``Snapshot.arrays``. The function updates the states of ``of_vehicles`` and for how
     long they brake, and fills its last two arrays in ``rows``.
     """
-    if decide_each(scene, traffic, rows, of_vehicles, scratch):
-        limits = (traffic.road.lap_m, traffic.road.lane_width_m), traffic.braking_m_s2
-        room = scratch.entering, scratch.lanes
-        give_way(rows, of_vehicles[5], *scene[:5], *limits, traffic.times_s, *room)
-
-
-@borrowing
-def decide_each(
-    scene: Vehicles,
-    traffic: TrafficNumbers,
-    rows: IntArray,
-    of_vehicles: OfVehicles,
-    scratch: Scratch,
-) -> bool:
-    """Do what ``decide`` does but for the right of way; return whether one wants a lane change."""
     s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
     models, desired_m_s, states, braking, acceleration_m_s2, side = of_vehicles
     values, codes, units, order, places = scratch[:5]
@@ -216,7 +201,10 @@ def decide_each(
             braking[row] -= 1
             acceleration_m_s2[row], side[row] = -machine.braking_m_s2, 0
         changes = changes or side[row] != 0
-    return changes
+    if changes:
+        limits = (traffic.road.lap_m, traffic.road.lane_width_m), traffic.braking_m_s2
+        room = scratch.entering, scratch.lanes
+        give_way(rows, side, *scene[:5], *limits, traffic.times_s, *room)
 
 
 @borrowing
