@@ -108,7 +108,7 @@ def test_indicators() -> None:
     for world, road, config in scenes(1):
         expected = affordances.compute_affordances(world.snapshot, road, config.observation.range_m)
         assert repr(world.affordances) == repr(expected)
-        assert world.indicators.values[:27].tobytes() == expected.vector().tobytes()
+        assert world.indicators.values[:27].tobytes() == affordances.vector(expected).tobytes()
 
 
 def test_paper() -> None:

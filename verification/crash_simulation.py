@@ -152,6 +152,6 @@ def proposals(world: World, egos: Sequence[Driver], scale: ObservationScale) -> 
     for row in range(len(world.x_m)):
         if row not in world.collisions:
             scene = world.scene(row)
-            observation = scale(scene.affordances.vector())
+            observation = scale(scene.indicators.values[:27])
             proposed[row] = egos[row].act(scene, observation).number
     return proposed

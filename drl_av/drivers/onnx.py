@@ -310,7 +310,7 @@ class OnnxDriver(Driver):
                 nan.
             CheckpointError: the network needs longer than ``LONGEST_RUN_S``.
         """
-        seen = scene.affordances.vector() if self._is_exported else observation
+        seen = scene.indicators.values[:27] if self._is_exported else observation
         return self._decide(seen[None])
 
     def _decide(self, row: npt.NDArray[Any]) -> Action:

@@ -34,7 +34,7 @@ INDICATORS: tuple[str, ...] = (
     "ego_d_y",
     "ego_v_y",
 )
-"""Names of the 27 indicators, in the order of ``Affordances.vector()``.
+"""Names of the 27 indicators, in the order of ``Indicators.values``.
 
 For each of the six slots, d_x is the net gap to the neighbour, d_y is its lateral position, and v_x
 and v_y are its velocities, all relative to the ego. Units are SI, left is positive.
@@ -123,38 +123,6 @@ class Affordances(NamedTuple):
         """Return the vehicle behind in the ego's own (0), left (+1) or right (-1) lane, or None."""
         return (self.own_rear, self.left_rear, self.right_rear)[sign]
 
-    def has_lane(self, sign: int) -> bool:
-        """Whether the ego's own (0), left (+1) or right (-1) lane exists and is open."""
-        return (True, self.left_lane, self.right_lane)[sign]
-
-    @property
-    def lane_end_gap_m(self) -> float:
-        """Distance from the ego's front to the end of its lane, metres; at most ``range_m``."""
-        gaps_m = (
-            gap_m
-            for gap_m, right_m, left_m in self.barriers
-            if right_m < self.lane_center_m < left_m
-        )
-        return min((self.range_m, *gaps_m))
-
-    def vector(self) -> FloatArray:
-        """Return the 27 indicators in SI units, shape (27,), float64, in the order of INDICATORS.
-
-        If no vehicle is in range, the gap is ``range_m``, the relative velocities are 0 and the
-        lateral offset is that of the lane's centre. If the lane does not exist or is closed, these
-        values are the same, except that the gap is 0.
-        """
-        values: list[float] = []
-        for slot, sign in zip(self[:6], (0, 0, -1, -1, 1, 1), strict=True):
-            if slot is not None:
-                values += slot[1:]
-            else:
-                gap_m = self.range_m if self.has_lane(sign) else 0.0
-                center_m = self.lane_center_m + sign * self.lane_width_m
-                values += (gap_m, 0.0, center_m - self.ego_y_m, 0.0)
-        values += (self.ego_speed_m_s, self.ego_y_m, self.ego_lateral_speed_m_s)
-        return np.array(values)
-
 
 Ground = tuple[float, float, FloatArray]
 """What compiled functions need to know of the road around the ego, metres: the circumference, 0 on
@@ -166,7 +134,9 @@ class Indicators(NamedTuple):
 
     values: FloatArray
     """Shape (30,), float64: the 27 indicators in SI units, in the order of INDICATORS; then
-    ``WITHIN``, ``ALLOWED`` and ``FRONT``."""
+    ``WITHIN``, ``ALLOWED`` and ``FRONT``. If no vehicle is in range, the gap is ``range_m``, the
+    relative velocities are 0 and the lateral offset is that of the lane's centre. If the lane does
+    not exist or is closed, these values are the same, except that the gap is 0."""
     codes: IntArray
     """Shape (10,), int64: the row of the neighbour in each of the six SLOTS, ``NO_VEHICLE`` without
     one, and N + 1 for the end of a lane; then ``LANE`` to ``CHANGES``."""

@@ -192,7 +192,7 @@ class AttachedEgo:
             "proposed_action": proposed.number,
             "executed_action": verdict.action.number,
             "rule": str(verdict.rule),
-            "indicators": affordances.vector(),
+            "indicators": scene.indicators.values[:27].copy(),
             "speed_m_s": affordances.ego_speed_m_s,
             "words": f"{verdict.action}{instead}",
         }

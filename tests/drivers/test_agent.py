@@ -270,7 +270,7 @@ class Gaps:
     space = gymnasium.spaces.Box(-250.0, 250.0, (3,), np.float32)
 
     def __call__(self, scene: Scene) -> Any:
-        return scene.affordances.vector()[:9:4].astype(np.float32) - 200.0
+        return scene.indicators.values[:27][:9:4].astype(np.float32) - 200.0
 
 
 class Named(Gaps):

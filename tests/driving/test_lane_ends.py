@@ -72,8 +72,3 @@ def test_the_end_of_a_lane_that_the_ego_may_not_enter_is_not_seen() -> None:
         found = scene(s_m=s_m, y_m=LANE_M, road=MERGE, range_m=400.0).affordances
         assert found.right_lane is seen
         assert (found.right_front is not None) is seen
-
-
-def test_the_end_of_a_lane_is_that_of_the_ego_s_own_lane() -> None:
-    for y_m, gap_m in ((RIGHT, 97.5), (LANE_M, 250.0), (2 * LANE_M, 250.0)):
-        assert scene(s_m=700.0, y_m=y_m, road=MERGE).affordances.lane_end_gap_m == gap_m

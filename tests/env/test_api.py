@@ -43,7 +43,7 @@ def test_observation_is_the_indicators_scaled(env: HighwayEnv) -> None:
     observation, info = env.reset(seed=1, options={"vehicles": 30})
     assert observation.dtype == np.float32
     assert observation.shape == info["indicators"].shape == (27,)
-    assert np.array_equal(info["indicators"], env.scene.affordances.vector())
+    assert np.array_equal(info["indicators"], env.scene.indicators.values[:27])
     assert info["indicators"][24] == info["speed_m_s"] == env.scene.snapshot.speed_m_s[0]
     assert observation[24] == pytest.approx((info["speed_m_s"] - 15) / 15, abs=1e-6)
     assert env.observation_space.contains(observation)

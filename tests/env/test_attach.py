@@ -206,7 +206,7 @@ def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(
     begin(build(tmp_path, edges), '<route id="next" edges="on"/>' + car("ego", 1, 50, 20, "next"))
     ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
     ego.step()
-    assert not scene_of(ego).affordances.has_lane(-1)
+    assert not scene_of(ego).affordances.right_lane
 
 
 def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane(
@@ -425,7 +425,7 @@ def test_a_new_route_and_a_lane_that_is_closed_now_count_at_the_next_decision(
         sumo.simulationStep()
         ego.step()
     assert scene_of(ego).affordances.mandatory.lanes == -1
-    assert not scene_of(ego).affordances.has_lane(1)
+    assert not scene_of(ego).affordances.left_lane
 
 
 def test_a_route_to_a_light_is_refused_under_strict_when_it_begins(

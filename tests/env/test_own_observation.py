@@ -57,7 +57,7 @@ def test_the_first_seven_groups_are_the_indicators_of_the_paper() -> None:
     observe = GroupObservation(EVERY[:7], SCALE)
     world = scene(ahead(20), behind(30, LEFT_LANE))
     assert observe.names == INDICATORS
-    assert np.array_equal(observe(world), SCALE(world.affordances.vector()))
+    assert np.array_equal(observe(world), SCALE(world.indicators.values[:27]))
     for made, found in zip(MIRROR, observe.mirror, strict=True):
         assert np.array_equal(made, found)
 

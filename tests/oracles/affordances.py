@@ -2,10 +2,13 @@
 
 import math
 
+import numpy as np
+
 from drl_av.driving.affordances import SLOTS, Affordances, Neighbor
 from drl_av.road.road import (
     NO_CHANGE,
     Barrier,
+    FloatArray,
     MandatoryChange,
     Road,
     is_beside,
@@ -101,3 +104,20 @@ def _ahead(road: Road, front_m: float) -> tuple[Barrier, ...]:
     """Return the barriers ahead; their ``s_m`` is the distance from the ego's front bumper."""
     gaps = (barrier._replace(s_m=barrier.s_m - front_m) for barrier in road.barriers)
     return tuple(gap for gap in gaps if gap.s_m >= 0.0)
+
+
+def has_lane(affordances: Affordances, sign: int) -> bool:
+    """Whether the ego's own (0), left (+1) or right (-1) lane exists and is open."""
+    return (True, affordances.left_lane, affordances.right_lane)[sign]
+
+
+def vector(affordances: Affordances) -> FloatArray:
+    """Return the 27 indicators in SI units, shape (27,), in the order of INDICATORS."""
+    values: list[float] = []
+    for slot, sign in zip(affordances[:6], (0, 0, -1, -1, 1, 1), strict=True):
+        gap_m = affordances.range_m if has_lane(affordances, sign) else 0.0
+        center_m = affordances.lane_center_m + sign * affordances.lane_width_m
+        empty = gap_m, 0.0, center_m - affordances.ego_y_m, 0.0
+        values += empty if slot is None else slot[1:]
+    ego = affordances.ego_speed_m_s, affordances.ego_y_m, affordances.ego_lateral_speed_m_s
+    return np.array([*values, *ego])

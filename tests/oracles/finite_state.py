@@ -64,7 +64,7 @@ class Surroundings(NamedTuple):
         return np.abs(self.off_center_m) > CENTERED_M
 
     def vectors(self) -> FloatArray:
-        """Return each vehicle's 27 indicators, shape (R, 27), ordered as ``Affordances.vector``."""
+        """Return each vehicle's 27 indicators, shape (R, 27), in the order of INDICATORS."""
         absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
         neighbors = np.stack(
             (

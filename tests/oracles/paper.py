@@ -9,6 +9,7 @@ from drl_av.driving.affordances import Affordances, Neighbor
 from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.safety.check import Rule, Verdict
+from oracles.affordances import has_lane
 
 
 def closing_speed(front: Neighbor) -> float:
@@ -107,7 +108,7 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
     wanted = next_lane_change(scene.lane_change, affordances.lane, proposed)
     if wanted is None:
         return proposed, Rule.NONE
-    if not affordances.has_lane(wanted.target - affordances.lane):
+    if not has_lane(affordances, wanted.target - affordances.lane):
         instead = Lateral.KEEP if scene.lane_change is None else toward(-wanted.sign)
         return instead, Rule.OFF_ROAD
     if lane_is_clear(affordances, wanted.target, config):

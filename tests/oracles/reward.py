@@ -8,6 +8,7 @@ from drl_av.config import RewardConfig, SafetyConfig
 from drl_av.driving.affordances import Affordances
 from drl_av.env.reward import Rewards
 from drl_av.road.road import LANE_CHANGE_DUE_M, MandatoryChange
+from oracles.affordances import has_lane
 from oracles.paper import lane_is_clear
 
 
@@ -85,7 +86,7 @@ def desired(affordances: Affordances, config: RewardConfig, safety: SafetyConfig
         return Desired(config.desired_speed_m_s, config.desired_lateral_m)
     lanes = due_changes(affordances.mandatory)
     side = 1 if lanes > 0 else -1
-    next_lane = side if lanes and affordances.has_lane(side) else 0
+    next_lane = side if lanes and has_lane(affordances, side) else 0
     speed_m_s = attainable_speed(affordances, next_lane, config, safety.minimum_gap_m)
     if not lanes:
         lanes = faster_side(affordances, speed_m_s, config, safety)
@@ -102,7 +103,7 @@ def best_speed(affordances: Affordances, config: RewardConfig, minimum_gap_m: fl
 
     Whether rule 3 permits a lane change now does not matter.
     """
-    sides = [0, *(side for side in (1, -1) if affordances.has_lane(side))]
+    sides = [0, *(side for side in (1, -1) if has_lane(affordances, side))]
     return max(attainable_speed(affordances, side, config, minimum_gap_m) for side in sides)
 
 
@@ -129,7 +130,7 @@ def faster_side(
     best, sign = own_m_s + config.worthwhile_gain_m_s, 0
     nearer = 1 if affordances.ego_y_m >= affordances.lane_center_m else -1
     for side in (nearer, -nearer):
-        if affordances.has_lane(side):
+        if has_lane(affordances, side):
             there = attainable_speed(affordances, side, config, safety.minimum_gap_m)
             if there > best and lane_is_clear(affordances, affordances.lane + side, safety):
                 best, sign = there, side

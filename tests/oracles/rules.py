@@ -14,6 +14,7 @@ from drl_av.driving.scene import Scene
 from drl_av.road.road import LANE_CHANGE_DUE_M
 from drl_av.road.snapshot import EGO
 from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_to_collision
+from oracles.affordances import has_lane
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
@@ -70,7 +71,7 @@ class MobilDriver(Driver):
         gains = {
             sign: self.gain(scene, sign) + sign * self.bias(scene.affordances)
             for sign in (1, -1)
-            if scene.affordances.has_lane(sign)
+            if has_lane(scene.affordances, sign)
         }
         sign = max(gains, key=lambda side: gains[side], default=0)
         is_beneficial = sign != 0 and gains[sign] > self._mobil.threshold_m_s2

@@ -15,6 +15,7 @@ from drl_av.road.road import ARRIVED_M, Barrier, FloatArray
 from drl_av.road.snapshot import EGO
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import reach, stopping_distance, travel
+from oracles.affordances import has_lane
 
 Number = Any
 LINE_M = 0.01
@@ -288,7 +289,7 @@ class Strict:
         rule = Rule.NONE if safe == proposed.longitudinal else Rule.IN_LANE
         if wanted is None or wanted == fallback:
             return Verdict(Action(proposed.lateral, safe), rule)
-        if not affordances.has_lane(wanted.target - affordances.lane):
+        if not has_lane(affordances, wanted.target - affordances.lane):
             rule |= Rule.OFF_ROAD
         elif self._permits(scene, wanted, neighbors, safe, reaches):
             return Verdict(Action(proposed.lateral, safe), rule)

@@ -354,7 +354,7 @@ def lane_is_open_and_clear(world: Scene, lane: int) -> bool:
                 # the gap only where it is the nearest: centres decide, all bodies being equal
                 nearest[candidate, end] = (between_m, gap_m - 3 * closing_m_s)
     needed = [(own_lane, "front"), (lane, "front"), (lane, "rear")]
-    road = BARRICADED_ROAD if not world.affordances.has_lane(-1) and own_lane == 1 else ROAD
+    road = BARRICADED_ROAD if not world.affordances.right_lane and own_lane == 1 else ROAD
     return is_open(lane, road) and all(nearest[key][1] > 15.0 for key in needed if key in nearest)
 
 

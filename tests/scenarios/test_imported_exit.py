@@ -112,10 +112,10 @@ def test_the_way_leads_beside_the_lane_to_come_and_then_into_it(
 def test_the_ego_sees_no_lane_to_its_right_before_it_begins_and_after_it_has_parted(
     s_m: float, there: bool, road: Road
 ) -> None:
-    found = scene(s_m=s_m, y_m=3.5, road=road).affordances  # its front is 2.5 m ahead
-    assert found.right_lane is there
-    gaps = [found.vector()[8], found.vector()[12]]
-    assert gaps == ([250.0, 250.0] if there else [0.0, 0.0])  # a lane that is absent is a wall
+    found = scene(s_m=s_m, y_m=3.5, road=road)  # its front is 2.5 m ahead
+    assert found.affordances.right_lane is there
+    gaps_m = found.indicators.values[[8, 12]].tolist()
+    assert gaps_m == ([250.0, 250.0] if there else [0.0, 0.0])  # a lane that is absent is a wall
 
 
 def test_a_body_is_not_held_by_the_lane_before_it_begins(road: Road) -> None:

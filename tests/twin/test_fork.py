@@ -124,8 +124,8 @@ def test_a_copy_of_an_episode_in_sumo_begins_with_its_scene_and_goes_on_alike() 
             here, there = env.scene, copies.scene(0)
             assert there.snapshot.time_s == here.snapshot.time_s
             assert there.lane_change == here.lane_change
-            assert there.affordances.vector() == pytest.approx(
-                here.affordances.vector(), abs=1e-6
+            assert there.indicators.values[:27] == pytest.approx(
+                here.indicators.values[:27], abs=1e-6
             ), decision
             action = int(np.flatnonzero(env.action_masks())[0])
             env.step(action)
