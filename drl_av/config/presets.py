@@ -106,13 +106,24 @@ def keeping_kind(named: str | None, base: Config | None, config: Config) -> Conf
     """Return ``config``, which was made from ``base``, whose traffic is the kind ``named``.
 
     Raises:
-        ConfigError: a kind was named, but the config has other ``traffic.presets``.
+        ConfigError: a kind was named, but the config has other ``traffic.presets``, or all that
+            tells another kind from the named one.
     """
-    if named is not None and base is not None and config.traffic.presets != base.traffic.presets:
+    if named is None or base is None:
+        return config
+    other = f"traffic.presets = {[*config.traffic.presets]}"
+    is_other = config.traffic.presets != base.traffic.presets
+    for kind in SINGLE_PRESETS if not is_other and not base.traffic.presets else ():
+        of_kind, own = asdict(base.with_traffic(kind).traffic), asdict(base.traffic)
+        found = asdict(config.traffic)
+        telling = [name for name in of_kind if of_kind[name] != own[name]]
+        if telling and all(found[name] == of_kind[name] for name in telling):
+            other, is_other = f"the traffic {kind}", True
+    if is_other:
         raise ConfigError(
-            f"The traffic is {named}, but the settings beside it have traffic.presets = "
-            f"{[*config.traffic.presets]}: leave the traffic out, or name it behind them "
-            f'(-o traffic.kind={named}; in Python kind="{named}" in the section traffic).'
+            f"The traffic is {named}, but the settings beside it have {other}: leave the traffic "
+            f'out, or name it behind them (-o traffic.kind={named}; in Python kind="{named}" in '
+            "the section traffic)."
         )
     return config
 

@@ -89,7 +89,7 @@ class RecordVideo(
     folder has such films of an earlier run, it warns that they may be overwritten.
 
     Args:
-        env: The environment, which other wrappers may wrap.
+        env: The environment, which other wrappers may wrap; each step must be one decision.
         video_folder: The folder of the films, created if it is missing.
         episode_trigger: The function that returns whether to film an episode, given the episode's
             number from 0; the default is ``cubic_schedule``, like gymnasium's.

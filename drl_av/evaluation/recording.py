@@ -313,7 +313,8 @@ class Follower:
     def _left(self, decision: int) -> RecordingError:
         return RecordingError(
             f"The replay differs from the recording at decision {decision}: it was made with "
-            "another scenario, another version of SUMO or of drl-av, or on another platform."
+            "another scenario, other --sumo-options, another version of SUMO or of drl-av, or on "
+            "another platform."
         )
 
 

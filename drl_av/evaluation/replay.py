@@ -214,7 +214,8 @@ def require_same_traffic(sessions: Sequence[ReplaySession]) -> None:
     if any(each != met[0] for each in met):
         raise RecordingError(
             "These recordings are of other traffic or another road, so that one page would compare "
-            "nothing: record both with the same --seed, --vehicles, --scenario and --traffic."
+            "nothing: record both with the same --seed, --vehicles, --scenario, --traffic and "
+            "--world."
         )
 
 

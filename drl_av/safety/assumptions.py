@@ -33,7 +33,7 @@ AT_MOST = (
     ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
 )
 """(a, b, reason): a must be at most b; ``reason`` names what fails in the proof otherwise."""
-PER_VEHICLE = ("maxSpeed", "tau")
+PER_VEHICLE = ("maxSpeed", "tau", "lcSpeedGain")
 """Attributes that a user's own type may state: they are set for each vehicle in any case."""
 FALLBACK_CHECK = "the check paper (--safety-check paper)"
 """The check that needs no assumptions, as the error messages recommend it."""

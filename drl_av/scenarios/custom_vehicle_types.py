@@ -16,7 +16,12 @@ CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma"
 SHAPES = ("passenger", "passenger/van", "delivery", "truck", "truck/semitrailer", "bus", "coach",
           "motorcycle", "trailer")  # fmt: skip
 """The pictures of SUMO's guiShape that a type of the traffic may have."""
-SUMO_NAMES = {"acceleration_m_s2": "accel", "top_speed_m_s": "maxSpeed", "headway_s": "tau"}
+SUMO_NAMES = {
+    "acceleration_m_s2": "accel",
+    "top_speed_m_s": "maxSpeed",
+    "headway_s": "tau",
+    "speed_gain": "lcSpeedGain",
+}
 """The SUMO attribute of each setting that is drawn for each vehicle unless its type states it."""
 REQUIRED = {"length_m", "width_m"}
 COLOR = "150,170,200"
@@ -38,11 +43,13 @@ class CustomVehicleType:
     car_following_model: str = "IDM"
     """One of ``CAR_FOLLOWING_MODELS``."""
     acceleration_m_s2: float | None = setting(None, low=0.1, high=20.0)
-    """SUMO's accel; None draws it for each vehicle, like the next two."""
+    """SUMO's accel; None draws it for each vehicle, like the next three."""
     top_speed_m_s: float | None = setting(None, low=0.1, high=100.0)
     """The highest speed; a lower desired speed that is drawn for a vehicle remains."""
     headway_s: float | None = setting(None, low=0.1, high=20.0)
     """The time gap to the vehicle ahead, SUMO's tau."""
+    speed_gain: float | None = setting(None, low=0.0, high=100.0)
+    """How much it changes lanes to get ahead, SUMO's lcSpeedGain."""
     shape: str = "passenger"
     """The picture in sumo-gui, one of ``SHAPES``."""
 

@@ -301,11 +301,12 @@ class Fleet:
         if not any(stated):
             return population
         desired, headway = population.desired_speed_m_s.copy(), population.headway_s.copy()
-        acceleration = population.acceleration_m_s2.copy()
+        acceleration, gain = population.acceleration_m_s2.copy(), population.speed_gain.copy()
         for row, values in enumerate(stated):
             desired[row] = min(desired[row], values.get("top_speed_m_s", math.inf))
             headway[row] = values.get("headway_s", headway[row])
             acceleration[row] = values.get("acceleration_m_s2", acceleration[row])
+            gain[row] = values.get("speed_gain", gain[row])
         rows = np.arange(len(desired))
         ahead_m = (population.front_m - population.front_m[:, None]) % self._road.lap_m
         ahead_m[(population.lane != population.lane[:, None]) | np.eye(len(rows), dtype=bool)] = (
@@ -322,6 +323,7 @@ class Fleet:
             desired_speed_m_s=desired,
             headway_s=headway,
             acceleration_m_s2=acceleration,
+            speed_gain=gain,
         )
 
     def _sizes_m(

@@ -93,6 +93,20 @@ def test_a_file_lays_its_other_keys_over_the_kind() -> None:
     assert as_config(wanted).traffic == found
 
 
+def test_settings_of_another_kind_beside_a_named_kind_are_refused(tmp_path: Path) -> None:
+    file, run = tmp_path / "own.toml", tmp_path / "config.toml"
+    file.write_text('[traffic]\nkind = "paper"\nspeed_gain_max = 3.0\n')
+    run.write_text(Config().to_toml())  # that of a training, which names no kind
+    told = r"The traffic is calm, but .* have the traffic paper: .*-o traffic\.kind=calm"
+    for given in (file, run, {"traffic": {"kind": "paper"}}):
+        with pytest.raises(ConfigError, match=told):
+            as_config(given, traffic="calm")
+    single = {"traffic": {"finite_state_share": 0.25, "vehicles_max": 9}}
+    assert as_config(single, traffic="calm").traffic.shares == (0.25, 0.0, 0.0, 0.0, 0.0)
+    assert as_config(file, traffic="paper").traffic.speed_gain_max == 3.0
+    assert as_config(file).traffic.speed_gain_max == 3.0
+
+
 def test_what_is_saved_holds_the_numbers() -> None:
     config = Config().with_traffic("hazards")
     assert "\nkind" not in config.to_toml()

@@ -148,7 +148,7 @@ def test_an_ego_that_has_passed_the_end_by_28_m_still_sees_a_vehicle_249_m_ahead
 
 LORRY = CustomVehicleType(
     "lorry", 0.5, 16.5, 2.5, acceleration_m_s2=0.8, top_speed_m_s=22.0, headway_s=2.0,
-    shape="truck/semitrailer",
+    speed_gain=3.0, shape="truck/semitrailer",
 )  # fmt: skip
 
 
@@ -172,6 +172,8 @@ def test_a_lorry_is_a_lorry_in_acceleration_speed_headway_and_shape(
                 if of_type == "lorry":
                     assert vehicle.getAccel(name) == 0.8
                     assert vehicle.getTau(name) == 2.0
+                    gain = vehicle.getParameter(name, "laneChangeModel.lcSpeedGain")
+                    assert float(gain) == 3.0
                     assert vehicle.getMaxSpeed(name) <= 22.0
                     assert vehicle.getShapeClass(name) == "truck/semitrailer"
                     assert vehicle.getLength(name) == 16.5
