@@ -115,7 +115,8 @@ def _ppo(**settings: object) -> Callable[[Config], Config]:
 
 COSTS = "abort_cost", "reversal_cost", "hard_brake_cost", "short_headway_cost", "forced_brake_cost"
 VARIANTS = {
-    "large": Variant("the preset", trainings=2),
+    "lanes": Variant("the preset", _ppo(lane_units=PRESETS["large"].ppo.lane_units), trainings=2),
+    "large": Variant("no layer that lanes share", trainings=2),
     "both": Variant("checks strict and paper", worlds=TwoCheckWorlds),
     "indicators": Variant("27 indicators", worlds=IndicatorWorlds),
     "two-seconds": Variant("the second before, too", worlds=TwoSecondWorlds, trainings=2),
@@ -147,8 +148,8 @@ class Row(NamedTuple):
 
 def settings(variant: str, seed: int) -> Config:
     """Return the settings of a training."""
-    preset = PRESETS["large"].updated("ppo", decisions=DECISIONS).updated("learning", seed=seed)
-    return VARIANTS[variant].changes(preset)
+    preset = PRESETS["large"].updated("ppo", decisions=DECISIONS, lane_units=0)
+    return VARIANTS[variant].changes(preset.updated("learning", seed=seed))
 
 
 def train(runs: Path, job: tuple[str, int]) -> None:

@@ -84,6 +84,8 @@ class PpoConfig(Section):
     batch_size: decisions in an update (ours)
     minibatch_size: decisions in a gradient step, a divisor of batch_size (ours)
     epochs: passes over the decisions of an update (ours)
+    lane_units: units of a layer before the hidden ones that sees each lane alone, with the same
+        weights; 0 for none (ours)
     hidden_1: units of the first hidden layer (ours)
     hidden_2: units of the second hidden layer (ours)
     learning_rate: first step size of Adam; it falls linearly to 0 (ours)
@@ -105,6 +107,7 @@ class PpoConfig(Section):
     batch_size: int = setting(16_384, low=1, high=10**7)
     minibatch_size: int = setting(1_024, low=2, high=10**7)
     epochs: int = setting(3, low=1, high=100)
+    lane_units: int = setting(0, low=0, high=10_000)
     hidden_1: int = setting(192, low=1, high=10_000)
     hidden_2: int = setting(128, low=1, high=10_000)
     learning_rate: float = setting(5e-4, low=0, high=1)

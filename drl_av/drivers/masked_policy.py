@@ -1,6 +1,7 @@
 """The driver that was trained at scale: the most probable permitted action, in numpy (ours)."""
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from drl_av.drivers.network import Layers, forward
 from drl_av.drivers.policy_file import load, load_layers
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
-from drl_av.driving.wide_observation import WIDE_SIZE, observe_wide
+from drl_av.driving.wide_observation import LANES_ASIDE, WIDE_SIZE, observe_wide
 from drl_av.errors import DrlAvWarning, RunError
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
@@ -108,11 +109,13 @@ def load_actor(path: Path) -> tuple[Layers, Config]:
     Raises:
         CheckpointError: as ``load_layers``.
     """
-    return load_layers(
-        path,
-        KIND,
-        lambda config: (INPUTS, config.ppo.hidden_1, config.ppo.hidden_2, len(ACTIONS)),
-    )
+
+    def sizes_of(config: Config) -> Sequence[int]:
+        ppo, groups = config.ppo, len(LANES_ASIDE) + 1
+        lanes = [groups * ppo.lane_units] if ppo.lane_units else []
+        return INPUTS, *lanes, ppo.hidden_1, ppo.hidden_2, len(ACTIONS)
+
+    return load_layers(path, KIND, sizes_of)
 
 
 def is_actor(path: Path) -> bool:

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 from drl_av.config import Config
 from drl_av.config.reference import annotated_toml
-from drl_av.drivers.masked_policy import KIND
+from drl_av.drivers.masked_policy import INPUTS, KIND
 from drl_av.drivers.policy_file import save
+from drl_av.driving.wide_observation import EGO_AT, LANES_ASIDE
 from drl_av.env.fork import twin_of
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.files import append_rows, locked, table_bytes
@@ -121,13 +122,45 @@ def _require_settings(config: Config) -> None:
         )
 
 
+class LaneLayer(nn.Module):
+    """A linear layer that sees each of the five lanes with the same weights, and the ego alone.
+
+    Its input are the wide observation and the mask, which counts as the ego's; its output are
+    ``units`` numbers of each lane, then of the ego.
+    """
+
+    def __init__(self, units: int) -> None:
+        super().__init__()
+        self.lane = nn.Linear(EGO_AT // len(LANES_ASIDE), units)
+        self.ego = nn.Linear(INPUTS - EGO_AT, units)
+
+    def forward(self, seen: torch.Tensor) -> torch.Tensor:
+        """Return the output, shape (rows, 6 * units), of the rows of ``seen``."""
+        lanes = seen[:, :EGO_AT].reshape(-1, len(LANES_ASIDE), self.lane.in_features)
+        return torch.cat((self.lane(lanes).flatten(1), self.ego(seen[:, EGO_AT:])), dim=1)
+
+    def dense(self) -> nn.Linear:
+        """Return a fully connected layer with the same output."""
+        groups = *[self.lane] * len(LANES_ASIDE), self.ego
+        weights = [group.weight.data for group in groups]
+        weight = torch.block_diag(*weights)  # type: ignore[no-untyped-call]
+        layer = nn.Linear(INPUTS, len(weight))
+        layer.weight.data = weight
+        layer.bias.data = torch.cat([group.bias.data for group in groups])
+        return layer
+
+
 class Towers(MlpExtractor):
     """The hidden layers of the critic, and of the actor, which sees the first inputs only."""
 
-    def __init__(self, actor_inputs: int, inputs: int, hidden: list[int]) -> None:
+    def __init__(self, actor_inputs: int, lane_units: int, inputs: int, hidden: list[int]) -> None:
         super().__init__(inputs, hidden, nn.LeakyReLU, device="cpu")
         self._actor_inputs = actor_inputs
-        self.policy_net = nn.Sequential(*create_mlp(actor_inputs, 0, hidden, nn.LeakyReLU))
+        first: list[nn.Module] = []
+        if lane_units:
+            first = [LaneLayer(lane_units), nn.LeakyReLU()]
+            actor_inputs = (len(LANES_ASIDE) + 1) * lane_units
+        self.policy_net = nn.Sequential(*first, *create_mlp(actor_inputs, 0, hidden, nn.LeakyReLU))
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return the last hidden layer of the actor."""
@@ -137,13 +170,13 @@ class Towers(MlpExtractor):
 class AsymmetricPolicy(MaskableActorCriticPolicy):
     """The policy of MaskablePPO, whose actor sees the first ``actor_inputs`` numbers only."""
 
-    def __init__(self, *args: Any, actor_inputs: int, **kwargs: Any) -> None:
-        self._actor_inputs = actor_inputs
+    def __init__(self, *args: Any, actor_inputs: int, lane_units: int, **kwargs: Any) -> None:
+        self._actor = actor_inputs, lane_units
         super().__init__(*args, **kwargs)
 
     def _build_mlp_extractor(self) -> None:
         assert isinstance(self.net_arch, list)
-        self.mlp_extractor = Towers(self._actor_inputs, self.features_dim, self.net_arch)
+        self.mlp_extractor = Towers(*self._actor, self.features_dim, self.net_arch)
 
 
 def learner_of(config: Config, worlds: TwinWorlds) -> MaskablePPO:
@@ -168,6 +201,7 @@ def learner_of(config: Config, worlds: TwinWorlds) -> MaskablePPO:
         policy_kwargs={
             "net_arch": [settings.hidden_1, settings.hidden_2],
             "actor_inputs": worlds.SIZE,
+            "lane_units": settings.lane_units,
         },
         seed=config.learning.seed,
         device="cpu",
@@ -183,7 +217,8 @@ def save_actor(path: Path, learner: MaskablePPO, config: Config) -> None:
     Raises CheckpointError if the file cannot be written.
     """
     parts = *learner.policy.mlp_extractor.policy_net, learner.policy.action_net
-    layers = [layer for layer in parts if isinstance(layer, nn.Linear)]
+    dense = (part.dense() if isinstance(part, LaneLayer) else part for part in parts)
+    layers = [layer for layer in dense if isinstance(layer, nn.Linear)]
     tensors = {
         f"layers.{number}.{name}": tensor.detach().numpy()
         for number, layer in enumerate(layers)

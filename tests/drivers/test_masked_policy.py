@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import onnxruntime
 import pytest
+import torch
 from worlds import LEFT, ahead, behind, scene
 
 import drl_av
@@ -26,14 +27,14 @@ from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError, ConfigError, RunError
-from drl_av.learning.large_scale import learner_of, train_at_scale
+from drl_av.learning.large_scale import learner_of, save_actor, train_at_scale
 from drl_av.learning.twin_worlds import TwinWorlds
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, permit_all
 
 SMALL = (
     PRESETS["large"]
     .updated("ppo", decisions=512, worlds=8, batch_size=128, minibatch_size=64)
-    .updated("ppo", hidden_1=6, hidden_2=5)
+    .updated("ppo", lane_units=3, hidden_1=6, hidden_2=5)
     .updated("traffic", vehicles_max=6)
 )
 NOTHING = np.zeros(0, np.float32)
@@ -99,6 +100,34 @@ def test_a_training_writes_the_same_bytes_again(run: Path, tmp_path: Path) -> No
     weights, _ = load_actor(run / "policy.safetensors")
     others, _ = load_actor(tmp_path / "other" / "policy.safetensors")
     assert not np.array_equal(weights[0][0], others[0][0])
+
+
+def test_each_lane_is_seen_with_the_same_weights_and_the_ego_apart(run: Path) -> None:
+    [(weight, bias), *_], _ = load_actor(run / "policy.safetensors")
+    assert weight.shape == (6 * 3, 5 * 24 + WIDE_SIZE - 120 + 12)
+    left = weight.copy()
+    for lane in range(5):
+        rows, seen = slice(3 * lane, 3 * lane + 3), slice(24 * lane, 24 * lane + 24)
+        assert (weight[rows, seen] == weight[:3, :24]).all()
+        assert (bias[rows] == bias[:3]).all()
+        left[rows, seen] = 0.0
+    assert (weight[:3, :24] != 0.0).all()
+    assert (left[15:, 120:] != 0.0).all()
+    left[15:, 120:] = 0.0
+    assert (left == 0.0).all()
+
+
+def test_a_policy_file_decides_as_the_network_that_learned(tmp_path: Path) -> None:
+    for units in (0, 3):
+        config = SMALL.updated("ppo", lane_units=units)
+        learner = learner_of(config, TwinWorlds(config, 0))
+        save_actor(tmp_path / "policy.safetensors", learner, config)
+        layers, _ = load_actor(tmp_path / "policy.safetensors")
+        seen = np.random.default_rng(3).normal(size=(50, INPUTS)).astype(np.float32)
+        with torch.no_grad():
+            hidden = learner.policy.mlp_extractor.forward_actor(torch.from_numpy(seen))
+            logits = learner.policy.action_net(hidden).numpy()
+        assert forward(layers, seen)[1] == pytest.approx(logits, abs=1e-6)
 
 
 def test_a_training_that_is_stopped_leaves_what_it_has_learned(run: Path, tmp_path: Path) -> None:
