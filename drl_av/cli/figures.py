@@ -167,17 +167,19 @@ def _gains(rows: "Sequence[EpisodeResult]") -> "Sequence[PairedGain]":
 def _require_one_traffic(tables: Sequence[Path]) -> None:
     """Raise ConfigError if tables say that their episodes were driven in different traffic."""
     from drl_av.evaluation.provenance import read_provenance
+    from drl_av.evaluation.table import report_corrupt_table
 
     found = dict[str, tuple[str, Any]]()
     for table in tables:
         is_known = table.with_suffix(PROVENANCE).exists()
-        settings = read_provenance(table, PROVENANCE).get("settings", {}) if is_known else {}
-        if "traffic" not in settings or "simulation" not in settings:
-            continue
-        simulation, traffic = settings["simulation"], settings["traffic"]
-        numbers = {"vehicles_min", "vehicles_max"}  # the columns say how many there were
-        now = {name: value for name, value in traffic.items() if name not in numbers}
-        now |= {name: simulation.get(name, "sumo") for name in ("scenario", "world")}
+        with report_corrupt_table(table):
+            settings = read_provenance(table, PROVENANCE).get("settings", {}) if is_known else {}
+            if "traffic" not in settings or "simulation" not in settings:
+                continue
+            simulation, traffic = settings["simulation"], settings["traffic"]
+            numbers = {"vehicles_min", "vehicles_max"}  # the columns say how many there were
+            now = {name: value for name, value in traffic.items() if name not in numbers}
+            now |= {name: simulation.get(name, "sumo") for name in ("scenario", "world")}
         for name, value in now.items():
             first, its = found.setdefault(name, (str(table), value))
             if its != value:

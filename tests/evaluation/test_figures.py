@@ -107,6 +107,9 @@ def test_tables_of_different_traffic_are_not_drawn_together(
     assert not (here / "drawn").exists()
     assert main(["evaluate", "random", "--traffic", "calm", *given, "c.csv"]) == 0
     assert main(["figures", "a.csv", "c.csv", "--out", "drawn"]) == 0
+    (here / "a.provenance.json").write_text('{"settings": 7}')
+    assert main(["figures", "a.csv"]) == 1
+    assert "a.csv, or the file beside it, is damaged" in error_message(capsys)
 
 
 def test_the_profile_falls_at_each_speed_of_the_driver() -> None:
