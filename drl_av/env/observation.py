@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -27,7 +26,6 @@ from drl_av.driving.affordances import (
     WITHIN,
     IntArray,
 )
-from drl_av.driving.mirror import Mirror, mirror_of
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import MOST, WIDE_NAMES, WIDE_SIZE, observe_wide
@@ -124,22 +122,6 @@ class GroupObservation:
         every = np.hstack((scaled, np.stack(further, axis=1).astype(np.float32)))
         selected: npt.NDArray[np.float32] = every[:, self._places]
         return selected
-
-    @cached_property
-    def mirror(self) -> Mirror:
-        """The permutations and signs that exchange left and right in this observation.
-
-        Raises:
-            ConfigError: a group of the left lane is present without that of the right lane, or the
-                reverse.
-        """
-        try:
-            return mirror_of(self.names)
-        except ValueError as error:
-            raise ConfigError(
-                f"An observation of {', '.join(self.names)} has no mirror image: name the groups "
-                "of both sides or of neither."
-            ) from error
 
 
 WIDE = "wide"

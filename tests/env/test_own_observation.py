@@ -58,7 +58,7 @@ def test_the_first_seven_groups_are_the_indicators_of_the_paper() -> None:
     world = scene(ahead(20), behind(30, LEFT_LANE))
     assert observe.names == INDICATORS
     assert np.array_equal(observe(world), SCALE(world.indicators.values[:27]))
-    for made, found in zip(MIRROR, observe.mirror, strict=True):
+    for made, found in zip(MIRROR, mirror_of(observe.names), strict=True):
         assert np.array_equal(made, found)
 
 
@@ -117,26 +117,27 @@ def test_the_way_is_the_lane_changes_that_it_demands_and_their_distance() -> Non
     # before the end of a lane that is left at the left, 200 m ahead
     assert observe(scene(s_m=597.5, y_m=RIGHT_LANE, road=MERGE)) == pytest.approx([1 / 3, 0.2])
     assert GroupObservation(("way",), SCALE)(scene()).tolist() == [0, 1]
-    reflected = mirrored_observations(observe(leftmost), observe.mirror)
+    reflected = mirrored_observations(observe(leftmost), mirror_of(observe.names))
     assert reflected == pytest.approx([1.0, 0.5025])
 
 
 def test_the_mirror_of_groups_exchanges_left_and_right() -> None:
     observe = GroupObservation(EVERY[::-1], SCALE)
+    mirror = mirror_of(observe.names)
     one = changing(ahead(30, LEFT_LANE, 10.0), behind(9, CENTER), origin=1, target=2, seconds=1)
     other = changing(ahead(30, RIGHT_LANE, 10.0), behind(9, CENTER), origin=1, target=0, seconds=1)
-    reflected = mirrored_observations(observe(one), observe.mirror)
+    reflected = mirrored_observations(observe(one), mirror)
     assert not np.array_equal(observe(one), observe(other))
     assert reflected == pytest.approx(observe(other), abs=1e-6)
     outermost = scene(Car(40.0, CENTER), y_m=LEFT_LANE), scene(Car(40.0, CENTER), y_m=RIGHT_LANE)
     seen = [observe(world) for world in outermost]
-    assert mirrored_observations(seen[0], observe.mirror) == pytest.approx(seen[1], abs=1e-6)
+    assert mirrored_observations(seen[0], mirror) == pytest.approx(seen[1], abs=1e-6)
 
 
 def test_one_side_alone_has_no_mirror_image() -> None:
     observe = GroupObservation(("own_front", "left_rear"), SCALE)
-    with pytest.raises(ConfigError, match="name the groups of both sides or of neither"):
-        _ = observe.mirror
+    with pytest.raises(ValueError, match="right_rear"):
+        mirror_of(observe.names)
     assert mirror_of(("ego_v_y",)).observation_sign.tolist() == [-1]
 
 
