@@ -220,7 +220,7 @@ def _is_recording(path: Path) -> bool:
 def _new_sessions(
     options: argparse.Namespace, specs: "Sequence[DriverSpec]", custom: "CustomParts"
 ) -> "list[ReplaySession]":
-    """Return the sessions of drivers by the options."""
+    """Return the sessions of drivers by the options, whose vehicles fit on the road."""
     from drl_av.env.highway import HighwayEnv
     from drl_av.evaluation.episodes import drivers_in
     from drl_av.evaluation.replay import ReplaySession
@@ -236,6 +236,7 @@ def _new_sessions(
             implied = env.simulation.fleet.default_vehicle_count
             usual = USUAL_VEHICLES if implied is None else implied
             vehicles = usual if options.vehicles is None else options.vehicles
+            env.reset(seed=seed, options={"vehicles": vehicles})  # before code of an agent runs
             [(name, driver)] = drivers_in(env, own, [spec]).items()
         sessions.append(ReplaySession(config, driver, name, seed, vehicles, custom=own))
     return sessions
