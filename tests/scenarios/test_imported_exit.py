@@ -93,12 +93,7 @@ def test_the_lane_of_the_exit_begins_on_the_way_and_parts_at_the_exit(folder: Pa
     ],
 )
 def test_the_way_leads_beside_the_lane_to_come_and_then_into_it(
-    lane: int,
-    s_m: float,
-    change: tuple[int, float],
-    there: bool,
-    beside: bool,
-    road: Road,
+    lane: int, s_m: float, change: tuple[int, float], there: bool, beside: bool, road: Road
 ) -> None:
     assert mandatory_change(lane, s_m, road) == (change[0], pytest.approx(change[1]))
     assert is_open_at(0, s_m, road) is there
@@ -214,10 +209,7 @@ ENDING_WAYS = ("e0 0 e1 1", "e0 1 e1 2", "e0 2 e1 3", "e1 0 off 0", "off 0 away 
     ],
 )
 def test_an_exit_that_cannot_be_driven_is_refused_in_one_sentence(
-    given: dict[str, Any],
-    reason: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    given: dict[str, Any], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     own = leaving(tmp_path, **given)
     words = ["--kind", "imported", "--net", str(own), "--from-edge", "e0", "--to-edge", "away"]

@@ -28,24 +28,26 @@ def described(net: Path, first: str, last: str, **changed: Any) -> ImportedDescr
     return ImportedDescription(net=str(net), from_edge=first, to_edge=last, **changed)
 
 
+def node(name: str, x: float, y: float, more: str = "") -> str:
+    return f'<node id="{name}" x="{x:.2f}" y="{y:.2f}" {more}/>'
+
+
+def edge(name: str, first: str, last: str, lanes: int, speed: int, more: str = "") -> str:
+    """An edge between two nodes; ``more`` are its other attributes."""
+    ends = f'from="{first}" to="{last}"'
+    return f'<edge id="{name}" {ends} numLanes="{lanes}" speed="{speed}" {more}/>'
+
+
 def bend(folder: Path) -> Path:
     """Three lanes round a right angle, inside whose junction netconvert slows each lane down."""
-    nodes = (
-        '<node id="a" x="0" y="0"/><node id="b" x="1000" y="0" radius="6"/>'
-        '<node id="c" x="1000" y="1000"/>'
-    )
-    edges = (
-        '<edge id="A" from="a" to="b" numLanes="3" speed="33"/>'
-        '<edge id="B" from="b" to="c" numLanes="3" speed="33"/>'
-    )
-    return converted(folder, nodes, edges, None)
+    nodes = node("a", 0, 0) + node("b", 1000, 0, 'radius="6"') + node("c", 1000, 1000)
+    return converted(folder, nodes, edge("A", "a", "b", 3, 33) + edge("B", "b", "c", 3, 33), None)
 
 
 def solid(folder: Path, lane: str) -> Path:
-    nodes = '<node id="a" x="0" y="0"/><node id="b" x="2500" y="0"/>'
     lanes = "".join(f'<lane index="{index}" {lane}/>' for index in range(3))
-    edge = f'<edge id="S" from="a" to="b" numLanes="3" speed="36">{lanes}</edge>'
-    return converted(folder, nodes, edge, None)
+    road = edge("S", "a", "b", 3, 36).replace("/>", f">{lanes}</edge>")
+    return converted(folder, node("a", 0, 0) + node("b", 2500, 0), road, None)
 
 
 def test_the_list_has_every_attribute_and_child_of_sumos_format() -> None:
@@ -153,17 +155,24 @@ def speeds(net: Path, route: str, folder: Path, lane: int = 0) -> list[float]:
     return [float(one.attrib["speed"]) for one in ET.parse(fcd).iter("vehicle")]
 
 
-def route_of(folder: Path, name: str = "way") -> str:
-    return " ".join(load_scenario(folder).layout.routes[name])
+def speeds_on(folder: Path, lane: int = 0) -> list[float]:
+    """The same on the road of a scenario."""
+    route = " ".join(load_scenario(folder).layout.routes["way"])
+    return speeds(folder / "highway.net.xml", route, folder.parent, lane)
+
+
+def kept(description: ImportedDescription, tmp_path: Path) -> Path:
+    """The folder that is written of it, which has the same road."""
+    write_scenario(tmp_path / "road", description)
+    assert load_scenario(tmp_path / "road").road == description.plan().road
+    return tmp_path / "road"
 
 
 @pytest.mark.parametrize("lane", [0, 1, 2])
 def test_a_right_angle_is_as_slow_as_on_the_users_own_network(lane: int, tmp_path: Path) -> None:
     net = bend(tmp_path)
-    write_scenario(tmp_path / "road", described(net, "A", "B"))
+    made = min(speeds_on(kept(described(net, "A", "B"), tmp_path), lane))
     own = min(speeds(net, "A B", tmp_path, lane))
-    made = min(speeds(tmp_path / "road" / "highway.net.xml", route_of(tmp_path / "road"), tmp_path,
-                      lane))  # fmt: skip
     # netconvert's lanes round the bend: the outer one is the fastest
     assert own == pytest.approx([7.66, 6.08, 3.90][lane], abs=0.01)
     assert made == pytest.approx(own, abs=0.01)
@@ -181,12 +190,9 @@ def test_each_lane_keeps_its_own_limit(tmp_path: Path) -> None:
     description = along(chain(tmp_path, Part(2), Part(2, lane=slow)), 1)
     road = description.plan().road
     assert [lane[-1].limit_m_s for lane in road.speed_limits] == [20.0, 40.0]
-    write_scenario(tmp_path / "road", description)
-    assert load_scenario(tmp_path / "road").road == road
-    net = tmp_path / "road" / "highway.net.xml"
+    folder = kept(description, tmp_path)
     for lane, fastest in ((0, 20.0), (1, 30.0)):
-        driven = speeds(net, route_of(tmp_path / "road"), tmp_path, lane)
-        assert driven[-1] == pytest.approx(fastest, abs=0.01)
+        assert speeds_on(folder, lane)[-1] == pytest.approx(fastest, abs=0.01)
 
 
 TYPES = '<types><type id="motorway"><restriction vClass="{}" speed="22"/></type></types>'
@@ -218,9 +224,8 @@ def curved(folder: Path, radius_m: float) -> Path:
     ]
     last = 600 + radius_m
     shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in [(0, 0), *arc, (last, last)])
-    nodes = f'<node id="a" x="0" y="0"/><node id="b" x="{last}" y="{last}"/>'
-    edge = f'<edge id="C" from="a" to="b" numLanes="2" speed="36" shape="{shape}"/>'
-    return converted(folder, nodes, edge, None)
+    road = edge("C", "a", "b", 2, 36, f'shape="{shape}"')
+    return converted(folder, node("a", 0, 0) + node("b", last, last), road, None)
 
 
 def test_a_curve_has_the_speed_at_which_it_can_be_driven(tmp_path: Path) -> None:
@@ -232,10 +237,7 @@ def test_a_curve_has_the_speed_at_which_it_can_be_driven(tmp_path: Path) -> None
     assert curve.end_m == pytest.approx(600 + 150 * 3.14159 / 2, abs=75.0)
     said = f"; 1 limit in curves, the lowest {curve.limit_m_s:.1f} m/s at {curve.begin_m:.0f} m."
     assert said in description.summary
-    write_scenario(tmp_path / "road", description)
-    folder = tmp_path / "road"
-    assert load_scenario(folder).road == description.plan().road
-    driven = speeds(folder / "highway.net.xml", route_of(folder), tmp_path)
+    driven = speeds_on(kept(description, tmp_path))
     assert min(driven) == pytest.approx(curve.limit_m_s, abs=0.01)
 
 
@@ -246,15 +248,13 @@ def bent(folder: Path, edges: int) -> Path:
         return 600 + 60 * sin(turned * pi / 2), 60 * (1 - cos(turned * pi / 2))
 
     places = [(0.0, 0.0), *(place(k / edges) for k in range(edges + 1)), (660.0, 660.0)]
-    nodes = "".join(f'<node id="n{k}" x="{x:.2f}" y="{y:.2f}"/>' for k, (x, y) in enumerate(places))
-    found = ""
+    nodes = "".join(node(f"n{k}", x, y) for k, (x, y) in enumerate(places))
+    roads = ""
     for k in range(edges + 2):
         middle = [place((k - 0.5) / edges)] if 0 < k <= edges else []
         shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in (places[k], *middle, places[k + 1]))
-        found += (
-            f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="2" speed="30" shape="{shape}"/>'
-        )
-    return converted(folder, nodes, found, None)
+        roads += edge(f"e{k}", f"n{k}", f"n{k + 1}", 2, 30, f'shape="{shape}"')
+    return converted(folder, nodes, roads, None)
 
 
 @pytest.mark.parametrize("edges", [2, 6, 18])
@@ -349,8 +349,7 @@ def test_a_closed_lane_is_no_lane(tmp_path: Path) -> None:
     assert [phrase for phrase in description.leaves_out if "closed" in phrase] == [
         "lanes closed to cars, lane 'e0_0' and 3 more"
     ]
-    write_scenario(tmp_path / "road", description)
-    assert load_scenario(tmp_path / "road").road == description.plan().road
+    kept(description, tmp_path)
 
 
 def test_a_shoulder_that_opens_is_a_lane_that_begins(tmp_path: Path) -> None:
@@ -362,16 +361,10 @@ def test_a_shoulder_that_opens_is_a_lane_that_begins(tmp_path: Path) -> None:
 
 def meeting(folder: Path, kind: str, ramp_lanes: int = 1) -> Path:
     """A motorway of three lanes that a ramp joins in the right lane, at a junction of a kind."""
-    nodes = (
-        f'<node id="a" x="0" y="0"/><node id="b" x="700" y="0" type="{kind}"/>'
-        '<node id="d" x="1500" y="0"/><node id="r" x="400" y="-80"/>'
-    )
-    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="36" priority="{}"/>'
-    edges = (
-        form.format("M1", "a", "b", 3, 5)
-        + form.format("M2", "b", "d", 3, 5)
-        + form.format("on", "r", "b", ramp_lanes, 9)
-    )
+    nodes = node("a", 0, 0) + node("b", 700, 0, f'type="{kind}"')
+    nodes += node("d", 1500, 0) + node("r", 400, -80)
+    edges = "".join(edge(*ends, 3, 36, 'priority="5"') for ends in (("M1", *"ab"), ("M2", *"bd")))
+    edges += edge("on", "r", "b", ramp_lanes, 36, 'priority="9"')
     ways = ["M1 0 M2 0", "M1 1 M2 1", "M1 2 M2 2", "on 0 M2 0"]
     return converted(folder, nodes, edges, ways)
 
@@ -396,18 +389,10 @@ def test_a_junction_without_other_roads_leaves_nothing_out(tmp_path: Path) -> No
 
 def test_a_route_stays_on_the_motorway_beside_a_shorter_way_through_a_town(tmp_path: Path) -> None:
     # 2,000 m at 36 m/s take 56 s, the way through the town of 1,600 m at 14 m/s takes 114 s
-    nodes = (
-        '<node id="a" x="0" y="0"/><node id="b" x="700" y="0"/><node id="m" x="1500" y="600"/>'
-        '<node id="c" x="2300" y="0"/><node id="d" x="3000" y="0"/>'
-    )
-    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="{}"/>'
-    edges = (
-        form.format("M1", "a", "b", 3, 36)
-        + form.format("M2", "b", "m", 3, 36)
-        + form.format("M3", "m", "c", 3, 36)
-        + form.format("town", "b", "c", 1, 14)
-        + form.format("M4", "c", "d", 3, 36)
-    )
+    nodes = node("a", 0, 0) + node("b", 700, 0) + node("m", 1500, 600)
+    nodes += node("c", 2300, 0) + node("d", 3000, 0)
+    motorway = (("M1", "a", "b"), ("M2", "b", "m"), ("M3", "m", "c"), ("M4", "c", "d"))
+    edges = "".join(edge(*ends, 3, 36) for ends in motorway) + edge("town", "b", "c", 1, 14)
     ways = [f"{one} {lane} {other} {lane}" for one, other in pairwise(("M1", "M2", "M3", "M4"))
             for lane in range(3)]  # fmt: skip
     net = converted(tmp_path, nodes, edges, [*ways, "M1 0 town 0", "town 0 M4 0"])
@@ -456,21 +441,12 @@ WEAVING = (
 
 
 def weaving(folder: Path) -> Path:
-    nodes = "".join(
-        f'<node id="{name}" x="{x}" y="{y}"/>'
-        for name, x, y in (
-            *(("a", 0, 0), ("b", 700, 0), ("c", 1000, 0), ("d", 2000, 0)),
-            *(("r", 400, -100), ("x", 1300, -100)),
-        )
-    )
-    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="{}" priority="{}"/>'
-    edges = "".join(
-        form.format(*edge)
-        for edge in (
-            *(("M1", "a", "b", 3, 36, 9), ("M2", "b", "c", 4, 36, 9), ("M3", "c", "d", 3, 36, 9)),
-            *(("on", "r", "b", 1, 22, 5), ("off", "c", "x", 1, 22, 5)),
-        )
-    )
+    nodes = node("a", 0, 0) + node("b", 700, 0) + node("c", 1000, 0) + node("d", 2000, 0)
+    nodes += node("r", 400, -100) + node("x", 1300, -100)
+    motorway = (("M1", "a", "b", 3), ("M2", "b", "c", 4), ("M3", "c", "d", 3))
+    edges = "".join(edge(*each, 36, 'priority="9"') for each in motorway)
+    ramps = (("on", "r", "b"), ("off", "c", "x"))
+    edges += "".join(edge(*each, 1, 22, 'priority="5"') for each in ramps)
     return converted(folder, nodes, edges, WEAVING)
 
 
@@ -522,8 +498,7 @@ def test_traffic_on_the_left_is_driven_in_the_mirror(tmp_path: Path) -> None:
     )
     shape = description.plan().edges[-2].shape
     assert shape[-1][1] < shape[0][1]  # the network bends to the left
-    write_scenario(tmp_path / "road", description)
-    assert load_scenario(tmp_path / "road").road == description.plan().road
+    kept(description, tmp_path)
 
 
 @pytest.mark.parametrize("encoding", ["iso-8859-1", "utf-16", "utf-8-sig", "windows-1252"])
@@ -543,11 +518,10 @@ def test_an_unknown_encoding_is_named(tmp_path: Path) -> None:
 
 
 def test_a_projection_and_heights_are_left_out_by_name(tmp_path: Path) -> None:
-    nodes = '<node id="a" x="0" y="0"/><node id="b" x="900" y="0" z="{}"/>'
-    edge = '<edge id="L" from="a" to="b" numLanes="2" speed="30"/>'
-    level = converted(tmp_path, nodes.format(0), edge, None)
+    road = edge("L", "a", "b", 2, 30)
+    level = converted(tmp_path, node("a", 0, 0) + node("b", 900, 0), road, None)
     assert described(level, "L", "L").leaves_out == ()
-    hill = converted(tmp_path, nodes.format(20), edge, None)
+    hill = converted(tmp_path, node("a", 0, 0) + node("b", 900, 0, 'z="20"'), road, None)
     text = hill.read_text().replace('projParameter="!"', 'projParameter="+proj=utm +zone=32"')
     hill.write_text(text)
     assert described(hill, "L", "L").leaves_out == (
@@ -572,10 +546,9 @@ def test_what_was_made_of_a_route_is_said_and_kept_in_the_folder(tmp_path: Path)
 
 
 def test_a_long_edge_that_bends_is_divided_like_a_straight_one(tmp_path: Path) -> None:
-    nodes = '<node id="a" x="0" y="0"/><node id="b" x="6000" y="900"/>'
-    shape = "0,0 2500,100 6000,900"
-    edge = f'<edge id="L" from="a" to="b" numLanes="2" speed="36" shape="{shape}"/>'
-    description = described(converted(tmp_path, nodes, edge, None), "L", "L")
+    road = edge("L", "a", "b", 2, 36, 'shape="0,0 2500,100 6000,900"')
+    net = converted(tmp_path, node("a", 0, 0) + node("b", 6000, 900), road, None)
+    description = described(net, "L", "L")
     edges = [each for each in description.plan().edges if "beyond" not in each.id]
     assert max(each.end_m - each.begin_m for each in edges) <= 401.0
     assert [each.id for each in edges[:3]] == ["L", "L.1", "L.2"]
@@ -583,8 +556,7 @@ def test_a_long_edge_that_bends_is_divided_like_a_straight_one(tmp_path: Path) -
     for one, other in pairwise(edges):
         assert (one.end_m, one.shape[-1]) == (other.begin_m, pytest.approx(other.shape[0]))
     assert (2500.0, 100.0) in [point for each in edges for point in each.shape]
-    write_scenario(tmp_path / "road", description)
-    assert load_scenario(tmp_path / "road").road == description.plan().road
+    kept(description, tmp_path)
 
 
 def test_the_verbs_say_what_was_made_of_a_route(
