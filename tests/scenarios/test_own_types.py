@@ -24,6 +24,8 @@ from drl_av.scenarios.road_types import ROAD_TYPES, from_toml
 
 TRUCK = CustomVehicleType("truck", 0.3, 14.0, 2.5)
 TAXI = CustomVehicleType("taxi", 0.2, 4.5, 1.7, "Krauss")
+SHARES = {"truck": 0.3, "taxi": 0.2, "traffic": 0.5}
+SIZES_M = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
 MIXED = """
 circumference_m = 800
 speed_limit_m_s = 45
@@ -71,23 +73,21 @@ def test_sumo_drives_each_vehicle_with_its_type_and_the_snapshot_has_its_size(fo
     env = HighwayEnv(folder)
     env.reset(seed=3, options={"vehicles": 12})
     sumo, shot = env.simulation._sumo, env.scene.snapshot
-    sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
     found = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
-    assert set(found) == set(sizes)
+    assert set(found) == set(SIZES_M)
     assert found == [*islice(draw_types(3, (TRUCK, TAXI)), 13)]
     for row, name in enumerate(shot.ids):
-        assert (shot.length_m[row], shot.width_m[row]) == sizes[found[row]]
+        assert (shot.length_m[row], shot.width_m[row]) == SIZES_M[found[row]]
         assert sumo.vehicle.getLength(name) == shot.length_m[row]
     assert sumo.vehicletype.getParameter("taxi", "carFollowModel") in ("", "Krauss")
     env.close()
 
 
 def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:
-    drawn = [*islice(draw_types(1, (TRUCK, TAXI)), 10_001)]
-    assert drawn[0] == "ego"
-    assert drawn[1:].count("truck") / 10_000 == pytest.approx(0.3, abs=0.02)
-    assert drawn[1:].count("taxi") / 10_000 == pytest.approx(0.2, abs=0.02)
-    assert drawn[1:].count("traffic") / 10_000 == pytest.approx(0.5, abs=0.02)
+    ego, *drawn = islice(draw_types(1, (TRUCK, TAXI)), 10_001)
+    assert ego == "ego"
+    for kind, share in SHARES.items():
+        assert drawn.count(kind) / 10_000 == pytest.approx(share, abs=0.02)
 
 
 def test_no_two_purposes_draw_the_same_random_numbers() -> None:
@@ -101,7 +101,6 @@ def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path
     described = ROAD_TYPES[kind](**needed(kind), **given)
     write_scenario(tmp_path / "road", described)
     env = HighwayEnv(tmp_path / "road")
-    sizes = {"truck": (14.0, 2.5), "taxi": (4.5, 1.7), "traffic": (5.0, 1.8), "ego": (5.0, 1.8)}
     driven, known = [], {}
     for seed in (4, 5, 4):
         _, info = env.reset(seed=seed, options={"vehicles": 40})
@@ -112,7 +111,7 @@ def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path
         shot, sumo = env.scene.snapshot, env.simulation._sumo.vehicle
         types = {name: sumo.getTypeID(name).partition("@")[0] for name in shot.ids}
         for row, name in enumerate(shot.ids):
-            assert (shot.length_m[row], shot.width_m[row]) == sizes[types[name]]
+            assert (shot.length_m[row], shot.width_m[row]) == SIZES_M[types[name]]
             assert sumo.getLength(name) == shot.length_m[row]
         driven.append((shot.ids, shot.s_m.tolist()))
         known |= {name: types[name] for name in set(shot.ids) - first}
@@ -139,9 +138,8 @@ def test_the_demo_traffic_in_plain_sumo_has_the_own_types_by_their_shares(
     number = departed(tmp_path / "road", 600)
     others = number.total() - number["ego"]
     assert others > 400
-    assert number["demo.truck"] / others == pytest.approx(0.3, abs=0.05)
-    assert number["demo.taxi"] / others == pytest.approx(0.2, abs=0.05)
-    assert number["demo.traffic"] / others == pytest.approx(0.5, abs=0.05)
+    for kind, share in SHARES.items():
+        assert number[f"demo.{kind}"] / others == pytest.approx(share, abs=0.05)
 
 
 def test_a_demo_truck_is_the_environments_truck_with_mean_parameters(folder: Path) -> None:

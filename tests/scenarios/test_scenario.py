@@ -27,13 +27,7 @@ from drl_av.scenarios.folder import (
     with_scenario,
     write_scenario,
 )
-from drl_av.scenarios.highways import (
-    ExitDescription,
-    MergeDescription,
-    RampToRampDescription,
-    StraightDescription,
-)
-from drl_av.scenarios.road_types import from_toml
+from drl_av.scenarios.road_types import ROAD_TYPES, from_toml
 
 CHECKOUT = Path(__file__).parents[2]
 SHIPPED = {
@@ -41,20 +35,12 @@ SHIPPED = {
     "barricaded_right_lane": ScenarioDescription(barricaded_lanes=(0,)),
 }
 PLACED = ScenarioDescription(
-    vehicles=(
-        PlacedVehicle("ego", 1, 2.0, 20.0, 30.0),
-        PlacedVehicle("slow", 1, 124.9, 10.0, 12.0),
-    )
+    vehicles=(PlacedVehicle("ego", 1, 2.0, 20.0, 30.0), PlacedVehicle("slow", 1, 124.9, 10.0, 12.0))
 )
 PLACED_TOML = PLACED.to_toml()
 
 
-OPEN = {
-    "straight": StraightDescription(),
-    "merge": MergeDescription(),
-    "exit": ExitDescription(),
-    "ramp_to_ramp": RampToRampDescription(),
-}
+OPEN = {kind: ROAD_TYPES[kind]() for kind in ("straight", "merge", "exit", "ramp_to_ramp")}
 
 
 def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_meant_and_a_warning_says_so(
@@ -219,9 +205,7 @@ def test_file_cut_short_is_named(folder: Path, name: str) -> None:
         load_scenario(folder)
 
 
-def test_a_digit_changed_in_a_file_for_sumo_is_reported_unless_it_is_intended(
-    folder: Path,
-) -> None:
+def test_a_digit_changed_in_a_file_for_sumo_is_reported_unless_it_is_intended(folder: Path) -> None:
     path = folder / "vehicle_types.add.xml"
     path.write_text(path.read_text().replace('decel="4"', 'decel="5"'))
     with pytest.raises(ScenarioError, match=r"changed after .* in 'vehicle_types.add.xml': write"):
