@@ -101,29 +101,20 @@ def test_an_ego_that_enters_the_lane_before_it_begins_hits_the_edge(made: Made) 
     assert env.decisions == 2  # after 1.2 s its body is over the line
 
 
-@pytest.mark.parametrize(("lane", "way"), [(0, "exit taken"), (1, "exit missed")])
-def test_the_ego_drives_on_whether_it_takes_the_exit_or_misses_it(
-    lane: int, way: str, made: Made
-) -> None:
-    drives_on(made("away", "permit_all", placed(lane)), lane, way)
-
-
 @pytest.mark.parametrize(
-    ("lane", "way"), [(0, "exit taken"), (1, "exit taken"), (2, "exit missed")]
+    ("lanes_of_exit", "lane", "way"),
+    [
+        *((1, 0, "exit taken"), (1, 1, "exit missed")),
+        *((2, 0, "exit taken"), (2, 1, "exit taken"), (2, 2, "exit missed")),
+    ],
 )
-def test_each_lane_of_an_exit_of_two_lanes_leads_to_it(
-    lane: int, way: str, made: Made, tmp_path: Path
+def test_the_ego_drives_on_at_constant_speed_whether_it_takes_a_lane_of_the_exit_or_misses_it(
+    lanes_of_exit: int, lane: int, way: str, made: Made, net: Path, tmp_path: Path
 ) -> None:
-    net = leaving(tmp_path, ways=TWO_LANES_WAYS, lanes=TWO_LANES)
-    drives_on(made("away", "permit_all", placed(lane), own=net), lane, way)
-
-
-def placed(lane: int) -> PlacedVehicle:
-    return PlacedVehicle("ego", lane, EXIT_M - 33.0, 25.0, 30.0)
-
-
-def drives_on(env: HighwayEnv, lane: int, way: str) -> None:
-    """The ego passes the exit and drives on to the end of its way at constant speed."""
+    if lanes_of_exit == 2:
+        net = leaving(tmp_path, ways=TWO_LANES_WAYS, lanes=TWO_LANES)
+    ego = PlacedVehicle("ego", lane, EXIT_M - 33.0, 25.0, 30.0)
+    env = made("away", "permit_all", ego, own=net)
     env.reset(seed=0)
     begin_m = float(env.scene.snapshot.s_m[0])
     assert until_way(env) == way

@@ -59,8 +59,6 @@ def test_options_that_are_no_dictionary_are_refused(options: object) -> None:
     env = HighwayEnv(config=SHORT)
     with pytest.raises(ConfigError, match=r"has the options .*, but they must be a dictionary"):
         env.reset(seed=1, options=options)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="reset has no option 'cars'; its options are: vehicles"):
-        env.reset(seed=1, options={"cars": 3})
 
 
 def test_there_is_no_mask_before_the_first_episode() -> None:

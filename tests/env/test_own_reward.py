@@ -1,6 +1,7 @@
 """A reward function of the user's own, and the length of an episode in the spec."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -51,10 +52,7 @@ def test_it_receives_the_replaced_action_and_the_collision(place: Place) -> None
         seen.append(transition)
         return transition.reward
 
-    wall = (
-        PlacedVehicle("ego", 1, 50.0, 25.0, 30.0),
-        PlacedVehicle("wall", 1, 80.0, 0.0, 0.1),
-    )
+    wall = PlacedVehicle("ego", 1, 50.0, 25.0, 30.0), PlacedVehicle("wall", 1, 80.0, 0.0, 0.1)
     unchecked = place(*wall, reward=record)
     start(unchecked, 1)
     until_over(unchecked, KEEP)
@@ -67,11 +65,12 @@ def test_it_receives_the_replaced_action_and_the_collision(place: Place) -> None
     assert seen[-1].rule is Rule.IN_LANE
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf, None, "1", 1j])
-def test_what_is_no_reward_is_refused(wrong: Any) -> None:
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, None, "1", 1j, 1e30])
+def test_what_is_no_reward_or_none_of_single_precision_is_refused(wrong: Any) -> None:
     env = HighwayEnv(reward=lambda transition: wrong)
     start(env, 1)
-    with pytest.raises(ConfigError, match="must return a finite number"):
+    told = re.escape(f"returned {wrong!r}, but must return a finite number between")
+    with pytest.raises(ConfigError, match=told):
         env.step(KEEP)
     env.close()
 
@@ -98,16 +97,6 @@ def test_gymnasium_s_own_argument_cuts_an_episode_short() -> None:
     made.reset(seed=1, options={"vehicles": 0})
     assert [made.step(KEEP)[3] for _ in range(2)] == [False, True]
     made.close()
-
-
-def test_a_reward_that_single_precision_cannot_learn_is_refused() -> None:
-    env = HighwayEnv(reward=lambda _: 1e30)
-    start(env, 0)
-    with pytest.raises(
-        ConfigError, match=r"returned 1e\+30, but must return a finite number between"
-    ):
-        env.step(KEEP)
-    env.close()
 
 
 def test_a_word_that_names_no_function_runs_no_file(here: Path) -> None:

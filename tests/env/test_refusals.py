@@ -13,7 +13,7 @@ from drl_av.errors import ConfigError, ScenarioError
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"vehicle": 3}, r"no option 'vehicle'.*; its options are: vehicles"),
+        ({"vehicle": 3}, r"reset has no option 'vehicle'.*; its options are: vehicles"),
         ({"vehicles": -1}, r"vehicles is -1, but must be a whole number from 0"),
         ({"vehicles": 2.5}, r"vehicles is 2.5, but must be a whole number"),
         ({"vehicles": "many"}, r"vehicles is 'many', but must be a whole number"),

@@ -49,14 +49,6 @@ def outcomes(env: HighwayEnv, *actions: int) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(("lane", "outcome"), [(0, "exit taken"), (1, "exit missed")])
-def test_the_outcome_of_an_exit_is_known_where_the_off_ramp_parts(
-    lane: int, outcome: str, placed: Placed
-) -> None:
-    env = placed(ExitDescription, ego(lane, EXIT_M - 60.0))
-    assert outcomes(env, KEEP)[:4] == ["", "", outcome, outcome]  # its front passes after 2.4 s
-
-
 def test_an_ego_that_brakes_to_a_stop_before_its_exit_misses_it_when_the_time_is_up(
     placed: Placed,
 ) -> None:
