@@ -107,12 +107,7 @@ def test_the_way_is_a_column_only_where_the_ego_has_one() -> None:
         done = row(decision(), decision(way=outcome))
         assert [*done.cells()] == names
         found[done.cells()["way"]] = done.missed
-    assert found == {
-        "exit taken": False,
-        "exit missed": True,
-        "merged": False,
-        "not merged": True,
-    }
+    assert found == {"exit taken": False, "exit missed": True, "merged": False, "not merged": True}
 
 
 def test_the_reset_counts_nowhere() -> None:

@@ -175,10 +175,12 @@ def test_it_learns_from_the_speeds_that_come() -> None:
     assert weights @ np.exp(logs[:, 0]) == pytest.approx(23.0, abs=0.6)
 
 
-def beliefs(config: Config = STRICT) -> Beliefs:
-    """Beliefs about the traffic of a config on the loop."""
+def beliefs(*cars: Car, config: Config = STRICT) -> Beliefs:
+    """Beliefs about cars, by default one 50 m ahead, in the traffic of a config on the loop."""
     loop = load_scenario(find_scenario(config.simulation.scenario))
-    return Beliefs(np.random.default_rng(3), loop, config)
+    of = Beliefs(np.random.default_rng(3), loop, config)
+    of.see(snapshot(*cars or (ahead(50),)))
+    return of
 
 
 def believed_m_s(of: Beliefs) -> npt.NDArray[np.float64]:
@@ -199,7 +201,6 @@ def test_the_desired_speed_that_explains_the_speeds_is_found() -> None:
     # doubt; but guesses are moved to where they explain the speed to 0.01 m/s, that is 0.05 of the
     # desired speed, and spread by 0.02 of the traffic's own standard deviation.
     of = beliefs()
-    of.see(snapshot(ahead(50)))
     traffic_m_s = believed_m_s(of)
     assert traffic_m_s.std() > 1.5
     for _ in range(3):
@@ -210,7 +211,6 @@ def test_the_desired_speed_that_explains_the_speeds_is_found() -> None:
 
 def test_one_random_lane_change_does_not_destroy_a_belief() -> None:
     of = beliefs()
-    of.see(snapshot(ahead(50)))
     for speed in (21.5, 21.5, 21.5, 18.0):  # then it makes room once
         of.learn("vehicle1", predicted_m_s(of), speed)
     assert believed_m_s(of).mean() == pytest.approx(27.5, abs=0.15)
@@ -219,7 +219,6 @@ def test_one_random_lane_change_does_not_destroy_a_belief() -> None:
 def test_what_no_speed_tells_stays_as_open_as_it_was() -> None:
     # All guesses predict the same, as behind a slow vehicle, and the speed is that one or another.
     of = beliefs()
-    of.see(snapshot(ahead(50)))
     before = of._of["vehicle1"]
     for speed in (12.0, 12.0, 9.0):
         of.learn("vehicle1", np.full(GUESSES, 12.0), speed)
@@ -230,7 +229,6 @@ def test_what_no_speed_tells_stays_as_open_as_it_was() -> None:
 
 def test_headway_is_learned_as_the_desired_speed_is() -> None:
     of = beliefs()
-    of.see(snapshot(ahead(50)))
     for _ in range(3):  # who keeps 1.1 s drives 18.9 m/s: a tenth of a second more, 0.3 m/s less
         predicted = 18.9 - 3.0 * (np.exp(of._of["vehicle1"].logs[:, 1]) - 1.1)
         of.learn("vehicle1", predicted, 18.9)
@@ -240,7 +238,6 @@ def test_headway_is_learned_as_the_desired_speed_is() -> None:
 
 def test_guesses_that_are_drawn_anew_keep_their_drivers_and_differ() -> None:
     of = beliefs()
-    of.see(snapshot(ahead(50)))
     before = of._of["vehicle1"]
     predicted = np.where(np.arange(GUESSES) < 16, 20.0, 30.0)  # 16 of 128 predict it
     of.learn("vehicle1", predicted, 20.0)
@@ -253,7 +250,6 @@ def test_guesses_that_are_drawn_anew_keep_their_drivers_and_differ() -> None:
 
 def test_the_expected_driver_wants_the_median_speed() -> None:
     of, shot = beliefs(), snapshot(ahead(50))
-    of.see(shot)
     for _ in range(2):
         weights, logs, _ = of._of["vehicle1"]
         [[expected]] = of.expected(shot)
@@ -275,14 +271,12 @@ def test_the_others_get_the_parameters_of_their_guesses() -> None:
 
 def test_the_only_truck_that_was_drawn_is_a_guess_and_not_a_certainty() -> None:
     few = STRICT.with_traffic("naturalistic").updated("traffic", truck_share=0.008)
-    of, truck = beliefs(few), Car(50, length_m=few.traffic.truck_length_m)
-    of.see(snapshot(truck))
+    of = beliefs(Car(50, length_m=few.traffic.truck_length_m), config=few)
     assert len(np.unique(of._of["vehicle1"].logs[:, 0])) > 100
 
 
 def test_each_vehicle_has_a_belief_of_its_own() -> None:
-    of = beliefs()
-    of.see(snapshot(ahead(50), ahead(90)))
+    of = beliefs(ahead(50), ahead(90))
     before = of._of["vehicle2"]
     of.learn("vehicle1", predicted_m_s(of), 21.5)
     assert of._of["vehicle2"] is before
@@ -290,9 +284,8 @@ def test_each_vehicle_has_a_belief_of_its_own() -> None:
 
 def test_a_truck_is_believed_to_be_a_truck() -> None:
     hazards = STRICT.with_traffic("naturalistic")
-    of, truck = beliefs(hazards), Car(50, length_m=hazards.traffic.truck_length_m)
-    shot = snapshot(truck, ahead(20, LEFT))
-    of.see(shot)
+    cars = Car(50, length_m=hazards.traffic.truck_length_m), ahead(20, LEFT)
+    of, shot = beliefs(*cars, config=hazards), snapshot(*cars)
     _, rows = of.values(shot, of.draw(np.random.default_rng(5), shot, 50))
     assert of._drawn.is_truck[rows[:, 0]].all()
     assert not of._drawn.is_truck[rows[:, 1]].any()

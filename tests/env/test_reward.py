@@ -45,9 +45,12 @@ MINIMUM_GAP_M = SAFETY.minimum_gap_m
 SPEEDS = st.floats(0, 60)
 
 
-def wanted_by(world: Scene) -> tuple[float, float]:
+BEST_LANE = dataclasses.replace(TRAFFIC, desired="best-lane")
+
+
+def wanted_by(world: Scene, config: RewardConfig = TRAFFIC) -> tuple[float, float]:
     """The desired speed and lateral position of the ego in the traffic."""
-    return tuple(desired(world.indicators, TRAFFIC, SAFETY))
+    return tuple(desired(world.indicators, config, SAFETY))
 
 
 @pytest.mark.parametrize(
@@ -259,28 +262,24 @@ def test_the_best_lane_is_wanted_and_the_speed_of_the_own_one_until_the_ego_is_t
 def test_the_speed_of_the_best_lane_can_be_wanted_at_once(
     right: float, own: float, left: float, speed: float, lane: float
 ) -> None:
-    config = dataclasses.replace(TRAFFIC, desired="best-lane")
-    found = desired(in_three_lanes(right, own, left).indicators, config, SAFETY)
-    assert tuple(found) == pytest.approx((speed, lane))
+    found = wanted_by(in_three_lanes(right, own, left), BEST_LANE)
+    assert found == pytest.approx((speed, lane))
 
 
-def test_the_speed_of_the_best_lane_is_wanted_where_rule_3_bars_it_but_not_of_a_closed_one() -> (
-    None
-):
-    config = dataclasses.replace(TRAFFIC, desired="best-lane")
+def test_the_speed_of_the_best_lane_is_wanted_where_rule_3_bars_it_but_no_closed_one_s() -> None:
     # one alongside at the left, which is otherwise free; the right lane is free, or closed
     others = (ahead(26, CENTER, 20.0), behind(1, LEFT, 20.0))
     slow_right = scene(*others, ahead(26, RIGHT, 20.0))
-    assert tuple(desired(slow_right.indicators, config, SAFETY)) == pytest.approx((30.0, CENTER))
+    assert wanted_by(slow_right, BEST_LANE) == pytest.approx((30.0, CENTER))
     closed = scene(ahead(26, CENTER, 20.0), ahead(26, LEFT, 20.0), road=BARRICADED_ROAD)
-    assert tuple(desired(closed.indicators, config, SAFETY)) == pytest.approx((20.0, CENTER))
+    assert wanted_by(closed, BEST_LANE) == pytest.approx((20.0, CENTER))
 
 
 def test_the_tolerance_is_for_the_speed_and_never_for_the_lane() -> None:
     # 20.4 m/s allowed ahead, 23.3 at the left: 2.9 more, too little for 3 m/s, though from 20
     # m/s, which is near enough to 20.4, it would be 3.3
     world = in_three_lanes(12, 20.4, 23.3)
-    assert tuple(desired(world.indicators, TOLERANT, SAFETY)) == pytest.approx((20.0, CENTER))
+    assert wanted_by(world, TOLERANT) == pytest.approx((20.0, CENTER))
 
 
 def test_past_the_line_the_speed_of_the_new_lane_is_wanted() -> None:
@@ -334,12 +333,10 @@ def test_desired_values_are_a_function_of_the_observation_alone(
     again = seen_again(world.indicators.values[:27])
     for sign in (1, -1):
         assume(has_lane(again.codes, sign) == has_lane(world.indicators.codes, sign))
-    wanted = desired(world.indicators, config, SAFETY)
-    for neighbor in world.affordances[
-        :6
-    ]:  # one alongside at the ego's own velocity looks like a wall
+    # one alongside at the ego's own velocity looks like a wall
+    for neighbor in world.affordances[:6]:
         assume(neighbor is None or any((neighbor[1], neighbor[2], neighbor[4])))
-    assert tuple(desired(again, config, SAFETY)) == pytest.approx(tuple(wanted))
+    assert tuple(desired(again, config, SAFETY)) == pytest.approx(wanted_by(world, config))
 
 
 def test_desired_lane_is_within_reach_of_one_lane_change() -> None:
@@ -353,5 +350,5 @@ def test_desired_lane_is_within_reach_of_one_lane_change() -> None:
 def test_of_two_lanes_that_are_as_good_the_nearer_one_is_desired(
     aside_m: float, y_m: float
 ) -> None:
-    blocked = scene(ahead(60.0, speed_m_s=10.0), y_m=CENTER + aside_m).indicators
-    assert desired(blocked, RewardConfig(), SafetyConfig()).lateral_m == y_m
+    blocked = scene(ahead(60.0, speed_m_s=10.0), y_m=CENTER + aside_m)
+    assert wanted_by(blocked, RewardConfig())[1] == y_m

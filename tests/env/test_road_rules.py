@@ -91,12 +91,11 @@ def test_an_ego_that_keeps_the_allowed_speed_never_brakes_harder_than_stated(
         speed = after
 
 
-def solid(folder: Path, from_m: float = 1000.0) -> Path:
-    """Three lanes; after a first edge no line may be crossed for 600 m."""
-    cuts = (0.0, from_m, from_m + 600.0, from_m + 1500.0)
-    nodes = "".join(f'<node id="n{k}" x="{x}" y="0"/>' for k, x in enumerate(cuts))
-    closed = "".join(f'<lane index="{k}" changeLeft="" changeRight=""/>' for k in range(3))
-    closed = closed.replace('""', '"authority"')
+def solid(folder: Path) -> Path:
+    """Three lanes; after 1,000 m no line may be crossed for 600 m."""
+    nodes = "".join(f'<node id="n{k}" x="{x}" y="0"/>' for k, x in enumerate((0, 1000, 1600, 2500)))
+    lane = '<lane index="{}" changeLeft="authority" changeRight="authority"/>'
+    closed = "".join(lane.format(index) for index in range(3))
     edges = "".join(
         f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="3" speed="36" width="3.5">'
         f"{closed if k == 1 else ''}</edge>"
@@ -165,10 +164,8 @@ def test_rule_based_drivers_and_the_traffic_keep_their_lane_beside_a_solid_line(
             before, after = made.scene.snapshot, made.next_scene.snapshot
             lane_of = env.road.lane_of
             for row, vehicle in enumerate(after.ids):
-                if vehicle not in before.ids:
-                    continue
-                old = before.ids.index(vehicle)
-                if lane_of(before.y_m[old]) == lane_of(after.y_m[row]):
+                old = before.ids.index(vehicle) if vehicle in before.ids else None
+                if old is None or lane_of(before.y_m[old]) == lane_of(after.y_m[row]):
                     continue
                 if before.s_m[old] > 1030.0 and after.s_m[row] < 1590.0:
                     crossed.add((vehicle, float(after.s_m[row])))

@@ -80,9 +80,7 @@ def test_the_check_judges_the_scene_of_the_last_observation_and_is_obeyed() -> N
     made.close()
 
 
-def test_no_decision_is_harder_than_hard_brake_or_faster_than_the_limit(
-    env: HighwayEnv,
-) -> None:
+def test_no_decision_is_harder_than_hard_brake_or_faster_than_the_limit(env: HighwayEnv) -> None:
     hardest = min(how.acceleration_m_s2(env.config.ego) for how in Longitudinal)
     start(env, 30, seed=6)
     before = start(env, 30, seed=6)["speed_m_s"]

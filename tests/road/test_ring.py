@@ -47,15 +47,8 @@ def test_way_there_leads_there_and_the_way_back_is_its_opposite(a: float, b: flo
 @pytest.mark.parametrize(
     ("y_m", "lane"),
     [
-        (0, 0),
-        (1.89, 0),
-        (1.91, 1),
-        (3.8, 1),
-        (5.69, 1),
-        (5.71, 2),
-        (7.6, 2),
-        (9.51, 3),
-        (-1.91, -1),
+        *((0, 0), (1.89, 0), (1.91, 1), (3.8, 1), (5.69, 1), (5.71, 2), (7.6, 2)),
+        *((9.51, 3), (-1.91, -1)),
     ],
 )
 def test_lane_is_the_one_whose_edges_are_either_side(y_m: float, lane: int) -> None:
@@ -70,13 +63,9 @@ def test_centre_of_a_lane_is_in_that_lane(lane: int) -> None:
 
 def test_barricaded_lane_and_lanes_beyond_the_road_are_no_lanes() -> None:
     assert [is_open(lane, ROAD) for lane in range(-1, 4)] == [False, True, True, True, False]
-    assert [is_open(lane, BARRICADED_ROAD) for lane in range(-1, 4)] == [
-        False,
-        False,  # and not lane 2: index -1 must not wrap round
-        True,
-        True,
-        False,
-    ]
+    # lane -1 is not lane 2: the index must not wrap round
+    found = [is_open(lane, BARRICADED_ROAD) for lane in range(-1, 4)]
+    assert found == [False, False, True, True, False]
 
 
 @pytest.mark.parametrize(

@@ -140,34 +140,23 @@ def test_random_traffic_of_trucks_starts_and_stays_apart(changed: Change) -> Non
     ("kind", "attributes", "sentence"),
     [
         (
-            "traffic",
-            {"decel": "9", "emergencyDecel": "9"},
+            *("traffic", {"decel": "9", "emergencyDecel": "9"}),
             "decel of the vehicle type traffic must be at most strict.braking_m_s2, 4, and not 9",
         ),
         ("traffic", {"emergencyDecel": "9"}, "the emergencyDecel of the vehicle type traffic must"),
         ("traffic", {"maxSpeedLat": "1.5"}, "must be at most strict.lateral_speed_m_s, 0.76, and "),
         ("traffic", {"decel": "3.5"}, "at most the decel of the vehicle type traffic, 3.5, and no"),
         (
-            "ego",
-            {"decel": "4.5"},
+            *("ego", {"decel": "4.5"}),
             "must be at most ego.hard_brake_m_s2, 4, and not 4.5, because bound 3 fails",
         ),
         ("ego", {"tau": "1"}, "the tau of the vehicle type ego must be 1.5, and not 1: undo the"),
+        ("traffic", {"minGap": "0.5"}, "the minGap of the vehicle type traffic must be 2.5, and"),
         (
-            "traffic",
-            {"minGap": "0.5"},
-            "the minGap of the vehicle type traffic must be 2.5, and not",
-        ),
-        (
-            "traffic",
-            {"lcAssertive": "5"},
+            *("traffic", {"lcAssertive": "5"}),
             "lcAssertive of the vehicle type traffic must be the default of SUMO, and not 5",
         ),
-        (
-            "traffic",
-            {"carFollowModel": "Krauss"},
-            "carFollowModel of the vehicle type traffic must",
-        ),
+        ("traffic", {"carFollowModel": "Krauss"}, "carFollowModel of the vehicle type traffic mus"),
     ],
 )
 def test_types_that_break_the_bounds_of_strict_are_refused_under_it(

@@ -44,6 +44,14 @@ def no_copies_yet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(start_sumo, "_instances", [Instance(libsumo)])
 
 
+def started(make: Make, number: int) -> list[HighwayEnv]:
+    """So many environments, each at the start of the same episode."""
+    envs = [make() for _ in range(number)]
+    for env in envs:
+        env.reset(seed=1, options={"vehicles": 2})
+    return envs
+
+
 def states(env: HighwayEnv) -> bytes:
     """Where all vehicles are and how they move, to the last bit."""
     seen = env.scene.snapshot
@@ -88,10 +96,7 @@ def test_interleaved_episodes_are_those_driven_alone_also_after_one_is_closed(ma
 def test_a_program_that_reads_the_files_of_all_modules_finds_the_installed_library(
     make: Make, no_copies_yet: None
 ) -> None:
-    envs = [make(), make()]
-    for env in envs:
-        env.reset(seed=1, options={"vehicles": 2})
-    copy = envs[1].simulation._sumo
+    copy = started(make, 2)[1].simulation._sumo
     assert copy.__name__ != "libsumo"
     assert copy._libsumo.__file__ == copy._libsumo.__spec__.origin == libsumo._libsumo.__file__
     files = [getattr(module, "__file__", None) or "" for module in [*sys.modules.values()]]
@@ -101,22 +106,14 @@ def test_a_program_that_reads_the_files_of_all_modules_finds_the_installed_libra
 def test_the_installed_package_comes_first_and_closed_environments_leave_their_copy(
     make: Make, no_copies_yet: None
 ) -> None:
-    def used() -> list[str]:
-        return [env.simulation._sumo.__name__ for env in envs]
-
-    envs = [make() for _ in range(16)]
-    for env in envs:
-        env.reset(seed=1, options={"vehicles": 2})
-    first = used()
+    envs = started(make, 16)
+    first = [env.simulation._sumo.__name__ for env in envs]
     assert first[0] == "libsumo"
     assert len({*first}) == 16
     for env in envs:
         env.step(0)
         env.close()
-    envs = [make() for _ in range(16)]
-    for env in envs:
-        env.reset(seed=1, options={"vehicles": 2})
-    assert used() == first
+    assert [env.simulation._sumo.__name__ for env in started(make, 16)] == first
 
 
 def test_an_environment_that_is_forgotten_leaves_its_copy(make: Make, no_copies_yet: None) -> None:
@@ -128,9 +125,7 @@ def test_an_environment_that_is_forgotten_leaves_its_copy(make: Make, no_copies_
 
 
 def test_every_copy_raises_the_errors_that_a_program_of_libsumo_expects(make: Make) -> None:
-    envs = [make(), make()]
-    for env in envs:
-        env.reset(seed=1)
+    envs = started(make, 2)
     for env in envs:
         with pytest.raises(libsumo.TraCIException, match="'absent' is not known"):
             env.simulation._sumo.vehicle.getSpeed("absent")
@@ -141,7 +136,7 @@ def test_every_copy_raises_the_errors_that_a_program_of_libsumo_expects(make: Ma
         env.simulation._sumo.close()
         with pytest.raises(SimulationError, match="SUMO ended on its own"):
             env.step(0)
-        env.reset(seed=1)
+        env.reset(seed=1, options={"vehicles": 2})
         assert states(env) == wanted
 
 

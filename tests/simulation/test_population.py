@@ -178,20 +178,10 @@ def test_no_scenario_of_placed_vehicles_is_written_without_an_ego(tmp_path: Path
     assert not (tmp_path / "alone").exists()
 
 
-def shares(
-    finite_state: float,
-    level_0: float,
-    level_1: float,
-    hard_braking: float = 0.0,
-    level_2: float = 0.0,
-) -> TrafficConfig:
-    return TrafficConfig(
-        finite_state_share=finite_state,
-        level_0_share=level_0,
-        level_1_share=level_1,
-        hard_braking_share=hard_braking,
-        level_2_share=level_2,
-    )
+def shares(*of: float) -> TrafficConfig:
+    """Traffic with these shares of the kinds of drivers, in the order of the names."""
+    names = ("finite_state", "level_0", "level_1", "hard_braking", "level_2")
+    return TrafficConfig(**{f"{name}_share": one for name, one in zip(names, of, strict=False)})
 
 
 @pytest.mark.parametrize(
@@ -225,8 +215,7 @@ def test_shares_that_sum_to_1_leave_no_vehicle_to_sumo(seed: int) -> None:
 
 
 def test_shares_change_neither_places_nor_characters() -> None:
-    first, traffic = draw(30), shares(0.3, 0.3, 0.4)
-    mixed = draw_population(np.random.default_rng(0), 30, ROAD, LENGTH_M, traffic, EGO)
+    first, mixed = draw(30), draw(30, traffic=shares(0.3, 0.3, 0.4))
     for name in ("lane", "front_m", "speed_m_s", "desired_speed_m_s", "headway_s"):
         assert np.array_equal(getattr(first, name), getattr(mixed, name))
 

@@ -1,6 +1,5 @@
 """SUMO is asked for the leaders of few vehicles, and none that comes near its limit is left out."""
 
-from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 from types import SimpleNamespace
@@ -137,29 +136,13 @@ def test_wherever_the_vehicles_have_gone_nobody_else_is_near_its_limit(
 # Whole episodes in SUMO
 
 
+CALM = {"kind": "calm", "keep_stopping_distance": True}
 KINDS = {
-    "calm": {"kind": "calm", "keep_stopping_distance": True},
-    "lanes change often": {
-        "kind": "calm",
-        "keep_stopping_distance": True,
-        "random_lane_changes_per_s": 0.1,
-    },
-    "trucks": {
-        "kind": "calm",
-        "keep_stopping_distance": True,
-        "truck_share": 0.4,
-        "speed_gain_max": 1.0,
-    },
-    "paper": {"kind": "paper"},
-    "hazards": {"kind": "hazards"},
-    "naturalistic": {"kind": "naturalistic"},
+    "calm": CALM,
+    "lanes change often": CALM | {"random_lane_changes_per_s": 0.1},
+    "trucks": CALM | {"truck_share": 0.4, "speed_gain_max": 1.0},
+    **{kind: {"kind": kind} for kind in ("paper", "hazards", "naturalistic")},
 }
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
 
 
 def everybody(*arguments: Any) -> int:

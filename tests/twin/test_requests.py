@@ -52,9 +52,7 @@ def ahead(net: Net, *others: tuple[float, int, int]) -> tuple[int, float]:
     return leader(world, net, int(np.flatnonzero(world.z[ORDER] == 0)[0]))
 
 
-def test_a_vehicle_in_the_lane_hides_those_that_only_overlap_it_on_the_same_edge(
-    net: Net,
-) -> None:
+def test_a_vehicle_in_the_lane_hides_those_that_only_overlap_it_on_the_same_edge(net: Net) -> None:
     assert ahead(net, (60.0, 0, 1)) == (1, 32.5)  # 60 - 5 - 20 - 2.5
     assert ahead(net, (40.0, 1, BOTH), (60.0, 0, 1)) == (2, 32.5)
     assert ahead(net, (40.0, 1, BOTH), (140.0, 0, 1)) == (1, 12.5)
