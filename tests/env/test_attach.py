@@ -4,17 +4,16 @@ import subprocess
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-import libsumo
+import libsumo as sumo
 import numpy as np
 import pytest
 
 import drl_av
 from drl_av.config import Config
 from drl_av.drivers.masked_policy import INPUTS, MaskedPolicyDriver
-from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_NAMES
 from drl_av.env.attach import AttachedEgo
@@ -22,14 +21,20 @@ from drl_av.errors import ConfigError, SimulationError
 from drl_av.safety.check import Rule, Verdict, permit_all
 from drl_av.sumo_programs import program
 
-NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="600" y="0"/>
-<node id="c" x="1200" y="0"/><node id="x" x="1200" y="-200"/></nodes>"""
-EDGES = """<edges><edge id="in" from="a" to="b" numLanes="3" speed="40" width="3.5"/>
+NODES = """<node id="a" x="0" y="0"/><node id="b" x="600" y="0"/>
+<node id="c" x="1200" y="0"/><node id="x" x="1200" y="-200"/>"""
+EDGES = """<edge id="in" from="a" to="b" numLanes="3" speed="40" width="3.5"/>
 <edge id="on" from="b" to="c" numLanes="2" speed="25" width="3.5"/>
-<edge id="off" from="b" to="x" numLanes="1" speed="40" width="3.5"/></edges>"""
-LINKS = """<connections><connection from="in" to="off" fromLane="0" toLane="0"/>
-<connection from="in" to="on" fromLane="1" toLane="0"/>
-<connection from="in" to="on" fromLane="2" toLane="1"/></connections>"""
+<edge id="off" from="b" to="x" numLanes="1" speed="40" width="3.5"/>"""
+
+
+def links(*ways: str) -> str:
+    """Connections of lanes; a way is from, lane, to, lane."""
+    form = '<connection from="{}" fromLane="{}" to="{}" toLane="{}"/>'
+    return "".join(form.format(*way.split()) for way in ways)
+
+
+LINKS = links("in 0 off 0", "in 1 on 0", "in 2 on 1")
 CAR = (
     '<vType id="car" carFollowModel="IDM" laneChangeModel="SL2015" accel="1.5" decel="4" '
     'emergencyDecel="4" maxSpeedLat="0.76" length="5" width="1.8" maxSpeed="30" speedDev="0"/>'
@@ -42,18 +47,19 @@ def net(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build(tmp_path_factory.mktemp("net"), EDGES)
 
 
-def build(folder: Path, edges: str, nodes: str = NODES, links: str = LINKS) -> Path:
-    for name, text in (("nod", nodes), ("edg", edges), ("con", links)):
-        (folder / f"{name}.xml").write_text(text)
-    arguments = ["-n", "nod.xml", "-e", "edg.xml", "-x", "con.xml", "-o", "net.xml"]
-    subprocess.run([program("netconvert"), *arguments], cwd=folder, check=True, capture_output=True)
+def build(folder: Path, edges: str, nodes: str = NODES, ways: str = LINKS) -> Path:
+    for name, text in (("nodes", nodes), ("edges", edges), ("connections", ways)):
+        (folder / f"{name}.xml").write_text(f"<{name}>{text}</{name}>")
+    inputs = ["-n", "nodes.xml", "-e", "edges.xml", "-x", "connections.xml", "-o", "net.xml"]
+    subprocess.run([program("netconvert"), *inputs], cwd=folder, check=True, capture_output=True)
     return folder / "net.xml"
 
 
-@pytest.fixture
-def sumo() -> Iterator[ModuleType]:
-    yield libsumo
-    libsumo.close()
+@pytest.fixture(autouse=True)
+def closed() -> Iterator[None]:
+    """Closes SUMO after each test."""
+    yield
+    sumo.close()
 
 
 def begin(net: Path, vehicles: str, types: str = CAR, *options: str) -> None:
@@ -64,8 +70,8 @@ def begin(net: Path, vehicles: str, types: str = CAR, *options: str) -> None:
     file.write_text(f"<routes>{routes}</routes>")
     wanted = options or ("--step-length", "0.5", "--lateral-resolution", "3.5")
     always = ("--no-warnings", "--insertion-checks", "none")
-    libsumo.start(["sumo", "-n", str(net), "-r", str(file), *always, *wanted])
-    libsumo.simulationStep()
+    sumo.start(["sumo", "-n", str(net), "-r", str(file), *always, *wanted])
+    sumo.simulationStep()
 
 
 def car(name: str, lane: int, at_m: float, speed: float = 20, route: str = "on") -> str:
@@ -75,27 +81,38 @@ def car(name: str, lane: int, at_m: float, speed: float = 20, route: str = "on")
     )
 
 
-MAINTAIN, ACCELERATE, MAINTAIN_RIGHT = 0, 1, 4
+MAINTAIN, ACCELERATE, MAINTAIN_RIGHT, MAINTAIN_LEFT = 0, 1, 4, 8
 
 
-class Keeps:
-    """Keeps lane and speed."""
+class Does:
+    """Proposes one action all the time, by default to keep lane and speed."""
+
+    def __init__(self, number: int = MAINTAIN) -> None:
+        self._action = ACTIONS[number]
 
     def start(self, seed: int) -> None:
         return None
 
     def act(self, scene: Scene, observation: object) -> Action:
-        return Action(Lateral.KEEP, Longitudinal.MAINTAIN)
+        return self._action
 
 
-class Looks(Keeps):
+class Looks(Does):
     def act(self, scene: Scene) -> Action:  # type: ignore[override]
-        return Action(Lateral.KEEP, Longitudinal.MAINTAIN)
+        return self._action
 
 
-class GoesLeft(Keeps):
-    def act(self, scene: Scene, observation: object) -> Action:
-        return Action(Lateral.LEFT, Longitudinal.MAINTAIN)
+Decision = dict[str, Any]
+
+
+def attached(
+    driver: Any = None, check: Any = "paper", **given: Any
+) -> tuple[AttachedEgo, Scene, Decision]:
+    """The ego under a driver, by default ``Does()``, and what it saw and decided at once."""
+    ego = drl_av.attach(sumo, "ego", driver or Does(), check, **given)
+    decision = ego.step()
+    assert decision is not None
+    return ego, scene_of(ego), decision
 
 
 def scene_of(ego: AttachedEgo) -> Scene:
@@ -103,56 +120,53 @@ def scene_of(ego: AttachedEgo) -> Scene:
     return ego.scene
 
 
-def test_the_gap_ahead_reaches_over_the_junction(net: Path, sumo: ModuleType) -> None:
+def drive(ego: AttachedEgo, seconds: float) -> None:
+    """Drive on for this time, in steps of half a second."""
+    for _ in range(round(2 * seconds)):
+        ego.step()
+        sumo.simulationStep()
+
+
+def test_the_gap_ahead_reaches_over_the_junction(net: Path) -> None:
     # ego's front at 500 m of "in"; the other's rear at 100 - 5 m of "on", beyond the junction
     on = '<route id="next" edges="on"/>' + car("far", 1, 100, 20, "next")
     begin(net, car("ego", 2, 500) + on + car("decoy", 0, 520, 20, "off"))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
-    decision = ego.step()
-    assert decision is not None
+    _, scene, decision = attached(Does(), "permit_all")
     in_m, over_m = sumo.lane.getLength("in_2"), sumo.lane.getLength(":b_1_1")
-    gap_m = (in_m - 500) + over_m + (100 - 5)
-    front = scene_of(ego).affordances.own_front
+    front = scene.affordances.own_front
     assert front is not None
-    assert front.gap_m == pytest.approx(gap_m, abs=1e-6)
+    assert front.gap_m == pytest.approx((in_m - 500) + over_m + (100 - 5), abs=1e-6)
     assert decision["indicators"][0] == front.gap_m
     # the decoy drives two lanes to the right: it is in no lane that the ego observes
-    assert scene_of(ego).affordances.right_front is None
+    assert scene.affordances.right_front is None
 
 
-def test_a_lane_that_leads_elsewhere_ends_and_must_be_left(net: Path, sumo: ModuleType) -> None:
+def test_a_lane_that_leads_elsewhere_ends_and_must_be_left(net: Path) -> None:
     begin(net, car("ego", 0, 300))
-    ego = drl_av.attach(sumo, "ego", "gap-mobil", "strict")
-    ego.step()
-    mandatory = scene_of(ego).affordances.mandatory
-    assert mandatory.lanes == 1
-    assert mandatory.within_m == pytest.approx(sumo.lane.getLength("in_0") - 300, abs=1e-6)
+    ego, scene, _ = attached("gap-mobil", "strict")
+    within_m = pytest.approx(sumo.lane.getLength("in_0") - 300, abs=1e-6)
+    assert scene.affordances.mandatory == (1, within_m)
     while "ego" in sumo.vehicle.getIDList() and sumo.vehicle.getRoadID("ego") != "on":
         ego.step()
         sumo.simulationStep()
     assert sumo.vehicle.getRoadID("ego") == "on"
 
 
-def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(
-    net: Path, sumo: ModuleType
-) -> None:
+def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(net: Path) -> None:
     begin(net, car("ego", 1, 100))
-    ego = drl_av.attach(sumo, "ego", GoesLeft(), "paper")
+    ego = drl_av.attach(sumo, "ego", Does(MAINTAIN_LEFT), "paper")
     places = []
     for _ in range(10):  # 5 s in steps of 0.5 s: 0.35 m each
-        ego.step()
-        sumo.simulationStep()
+        drive(ego, 0.5)
         aside_m = sumo.vehicle.getLateralLanePosition("ego")
         places.append(3.5 * sumo.vehicle.getLaneIndex("ego") + aside_m)
     assert places == pytest.approx([3.5 + 0.35 * step for step in range(1, 11)], abs=1e-6)
     assert sumo.vehicle.getSpeed("ego") == pytest.approx(20.0)
 
 
-def test_it_says_what_it_does_and_why_once_a_second(net: Path, sumo: ModuleType) -> None:
+def test_it_says_what_it_does_and_why_once_a_second(net: Path) -> None:
     begin(net, car("ego", 2, 100, 25) + car("slow", 2, 125, 5))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
-    first = ego.step()  # 20 m ahead and 20 m/s slower: T_C is 1 s
-    assert first is not None
+    ego, _, first = attached()  # 20 m ahead and 20 m/s slower: T_C is 1 s
     assert first["rule"] == "in_lane"
     assert first["words"] == "hard brake, keep lane instead of maintain, keep lane (in_lane)"
     assert (first["proposed_action"], first["executed_action"]) == (0, 3)
@@ -163,29 +177,18 @@ def test_it_says_what_it_does_and_why_once_a_second(net: Path, sumo: ModuleType)
     assert ego.step() is not None
 
 
-class Hurries(Keeps):
-    """Accelerates."""
-
-    def act(self, scene: Scene, observation: object) -> Action:
-        return Action(Lateral.KEEP, Longitudinal.ACCELERATE)
-
-
 @pytest.mark.parametrize(("hold_s", "proposes"), [(0.0, ACCELERATE), (20.0, MAINTAIN)])
-def test_a_driver_of_the_user_holds_its_speed_too(
-    net: Path, sumo: ModuleType, hold_s: float, proposes: int
-) -> None:
+def test_a_driver_of_the_user_holds_its_speed_too(net: Path, hold_s: float, proposes: int) -> None:
     begin(net, car("ego", 2, 100, 20) + car("slow", 2, 165, 19))
-    ego = drl_av.attach(sumo, "ego", Hurries(), "paper", config={"driver": {"hold_s": hold_s}})
-    decision = ego.step()
-    assert decision is not None
+    _, _, decision = attached(Does(ACCELERATE), config={"driver": {"hold_s": hold_s}})
     assert decision["proposed_action"] == proposes
 
 
 def test_it_enters_an_edge_within_its_limit_and_goes_when_the_vehicle_has_arrived(
-    net: Path, sumo: ModuleType
+    net: Path,
 ) -> None:
     begin(net, car("ego", 2, 460, 30))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    ego = drl_av.attach(sumo, "ego", Does(), "permit_all")
     speeds, fastest_on = [], 0.0
     while "ego" in sumo.vehicle.getIDList():
         ego.step()
@@ -198,31 +201,26 @@ def test_it_enters_an_edge_within_its_limit_and_goes_when_the_vehicle_has_arrive
     assert ego.step() is None
 
 
-def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(
-    tmp_path: Path, sumo: ModuleType
-) -> None:
+def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(tmp_path: Path) -> None:
     lanes = '<lane index="0" allow="bus" width="3.5"/></edge>'
     edges = EDGES.replace('speed="25" width="3.5"/>', f'speed="25" width="3.5">{lanes}')
     begin(build(tmp_path, edges), '<route id="next" edges="on"/>' + car("ego", 1, 50, 20, "next"))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
-    ego.step()
-    assert not scene_of(ego).affordances.right_lane
+    assert not attached()[1].affordances.right_lane
 
 
 def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane(
-    net: Path, sumo: ModuleType
+    net: Path,
 ) -> None:
     long = (
         '<vType id="long" length="18" maxSpeed="5" speedFactor="1"/><route id="away" edges="off"/>'
     )
     truck = car("truck", 0, 5, 5, "away").replace('type="car"', 'type="long"')
     begin(net, car("ego", 0, 550, 10) + truck, CAR + long)
-    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
     at_m, over_m = sumo.vehicle.getLanePosition("truck"), sumo.lane.getLength(":b_0_0")
-    ego.step()
-    front = scene_of(ego).affordances.own_front
-    assert front is not None  # though its lane is no part of the route
     ahead_m = sumo.lane.getLength("in_0") - sumo.vehicle.getLanePosition("ego")
+    ego, scene, _ = attached(Does(), "permit_all")
+    front = scene.affordances.own_front
+    assert front is not None  # though its lane is no part of the route
     assert front.gap_m == pytest.approx(ahead_m + over_m + at_m - 18, abs=1e-6)
     while sumo.vehicle.getLanePosition("truck") + over_m < 18 or ego._commands:
         sumo.simulationStep()
@@ -232,7 +230,7 @@ def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane
     assert scene_of(ego).snapshot.ids == ("ego",)
 
 
-def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path, sumo: ModuleType) -> None:
+def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path) -> None:
     """Four edges of 100 m: e3 is behind the ego and, within its range of 250 m, ahead."""
     places = ((0, 0), (100, 0), (100, 100), (0, 100))
     nodes = "".join(f'<node id="n{k}" x="{x}" y="{y}"/>' for k, (x, y) in enumerate(places))
@@ -240,16 +238,13 @@ def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path, sumo: Mod
         f'<edge id="e{k}" from="n{k}" to="n{(k + 1) % 4}" numLanes="1" speed="30"/>'
         for k in range(4)
     )
-    ends = (f'from="e{k}" to="e{(k + 1) % 4}" fromLane="0" toLane="0"' for k in range(4))
-    links = "".join(f"<connection {each}/>" for each in ends)
-    parts = (f"<nodes>{nodes}</nodes>", f"<connections>{links}</connections>")
-    net = build(tmp_path, f"<edges>{edges}</edges>", *parts)
+    net = build(tmp_path, edges, nodes, links(*(f"e{k} 0 e{(k + 1) % 4} 0" for k in range(4))))
     ways = {k: " ".join(f"e{(k + n) % 4}" for n in range(40)) for k in (0, 1, 3)}
     routes = "".join(f'<route id="from{k}" edges="{way}"/>' for k, way in ways.items())
     cars = (("ego", 40, 0), ("ahead", 60, 1), ("behind", 50, 3))
     slow = CAR.replace('maxSpeed="30"', 'maxSpeed="5"')
     begin(net, "".join(car(name, 0, at, 5, f"from{k}") for name, at, k in cars), routes + slow)
-    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
+    ego = drl_av.attach(sumo, "ego", Does(), "permit_all")
     told = 0
     for _ in range(160):  # a lap
         if ego.step() is not None:
@@ -264,23 +259,15 @@ def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path, sumo: Mod
     assert told > 40
 
 
-def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(
-    tmp_path: Path, sumo: ModuleType
-) -> None:
-    nodes = '<nodes><node id="a" x="0" y="0"/><node id="b" x="300" y="0"/></nodes>'
+def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(tmp_path: Path) -> None:
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="300" y="0"/>'
     form = '<edge id="{}" from="{}" to="{}" numLanes="1" speed="30" length="{}" shape="{}"/>'
     there = form.format("long", "a", "b", 300, "0,0 300,0")
     back = form.format("short", "b", "a", 60, "300,0 150,90 0,0")
-    links = (
-        '<connections><connection from="long" to="short" fromLane="0" toLane="0"/>'
-        '<connection from="short" to="long" fromLane="0" toLane="0"/></connections>'
-    )
-    net = build(tmp_path, f"<edges>{there}{back}</edges>", nodes, links)
+    net = build(tmp_path, there + back, nodes, links("long 0 short 0", "short 0 long 0"))
     laps = f'<route id="laps" edges="{"long short " * 9}"/>'
     begin(net, car("ego", 0, 10, 0, "laps") + car("rear", 0, 280, 0, "laps"), laps + CAR)
-    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
-    ego.step()
-    seen = scene_of(ego).affordances
+    seen = attached(Does(), "permit_all")[1].affordances
     inside_m = sum(sumo.lane.getLength(n) for n in sumo.lane.getIDList() if n[0] == ":")
     at_m = {name: sumo.vehicle.getLanePosition(name) for name in ("ego", "rear")}
     behind_m = 300 - at_m["rear"] + 60 + inside_m + at_m["ego"] - 5
@@ -289,23 +276,15 @@ def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(
     assert seen.own_front is None
 
 
-def test_of_two_lanes_that_lead_to_one_the_one_that_gives_way_ends(
-    tmp_path: Path, sumo: ModuleType
-) -> None:
-    edges = """<edges><edge id="in" from="a" to="b" numLanes="2" speed="30" width="3.5"/>
-    <edge id="on" from="b" to="c" numLanes="1" speed="30" width="3.5"/></edges>"""
-    form = '<connection from="in" to="on" fromLane="{}" toLane="0"/>'
-    net = build(
-        tmp_path, edges, links=f"<connections>{form.format(0)}{form.format(1)}</connections>"
-    )
-    begin(net, car("ego", 0, 400))
-    ego = drl_av.attach(sumo, "ego", "gap-mobil", "paper")
-    ego.step()
+def test_of_two_lanes_that_lead_to_one_the_one_that_gives_way_ends(tmp_path: Path) -> None:
+    edges = """<edge id="in" from="a" to="b" numLanes="2" speed="30" width="3.5"/>
+    <edge id="on" from="b" to="c" numLanes="1" speed="30" width="3.5"/>"""
+    begin(build(tmp_path, edges, ways=links("in 0 on 0", "in 1 on 0")), car("ego", 0, 400))
+    _, scene, _ = attached("gap-mobil")
     major = {lane: sumo.lane.getLinks(f"in_{lane}")[0][5] == "M" for lane in (0, 1)}
     assert major == {0: False, 1: True}
-    mandatory = scene_of(ego).affordances.mandatory
-    assert mandatory.lanes == 1
-    assert mandatory.within_m == pytest.approx(sumo.lane.getLength("in_0") - 400, abs=1e-6)
+    within_m = pytest.approx(sumo.lane.getLength("in_0") - 400, abs=1e-6)
+    assert scene.affordances.mandatory == (1, within_m)
 
 
 def a_road(
@@ -314,85 +293,66 @@ def a_road(
     """Edges e0, e1, ... with these numbers of lanes; a way is from, lane, to, lane."""
     count = range(len(lanes) + 1)
     nodes = "".join(f'<node id="n{k}" x="{metres * k}" y="0"/>' for k in count)
+    nodes += f'<node id="x" x="{metres}" y="-200"/><node id="y" x="{metres}" y="-400"/>'
     form = '<edge id="e{}" from="n{}" to="n{}" numLanes="{}" speed="30" width="3.5"/>'
     edges = "".join(form.format(k, k, k + 1, number) for k, number in enumerate(lanes))
-    link = '<connection from="{}" fromLane="{}" to="{}" toLane="{}"/>'
-    links = "".join(link.format(*way.split()) for way in ways)
-    nodes += f'<node id="x" x="{metres}" y="-200"/><node id="y" x="{metres}" y="-400"/>'
-    return build(
-        folder,
-        f"<edges>{edges}{more}</edges>",
-        f"<nodes>{nodes}</nodes>",
-        f"<connections>{links}</connections>",
-    )
+    return build(folder, edges + more, nodes, links(*ways))
 
 
 def begin_on(net: Path, edges: str, vehicles: str, types: str = CAR) -> None:
     begin(net, vehicles, f'<route id="way" edges="{edges}"/>{types}')
 
 
-def test_the_first_end_of_a_lane_counts(tmp_path: Path, sumo: ModuleType) -> None:
+def test_the_first_end_of_a_lane_counts(tmp_path: Path) -> None:
     """Lane 0 of e0 leads nowhere; another one, with the same number, ends 800 m later."""
     ways = ["e0 1 e1 0", "e0 2 e1 1", "e1 0 e2 1", "e1 1 e2 2", "e2 1 e3 0", "e2 2 e3 1"]
     net = a_road(tmp_path, [3, 2, 3, 2], ways, metres=200)
     begin_on(net, "e0 e1 e2 e3", car("ego", 0, 50, 20, "way"))
-    ego = drl_av.attach(sumo, "ego", "gap-mobil", "paper")
-    ego.step()
-    mandatory = scene_of(ego).affordances.mandatory
+    mandatory = attached("gap-mobil")[1].affordances.mandatory
     assert mandatory.within_m == pytest.approx(sumo.lane.getLength("e0_0") - 50, abs=1e-6)
 
 
-def test_a_lane_that_splits_goes_on_in_the_lane_that_leads_on(
-    tmp_path: Path, sumo: ModuleType
-) -> None:
+def test_a_lane_that_splits_goes_on_in_the_lane_that_leads_on(tmp_path: Path) -> None:
     off = '<edge id="out" from="n2" to="y" numLanes="1" speed="30" width="3.5"/>'
     ways = ["e0 0 e1 0", "e0 0 e1 1", "e0 1 e1 2", "e1 0 out 0", "e1 1 e2 0", "e1 2 e2 1"]
     net = a_road(tmp_path, [2, 3, 2], ways, off)
     queue = '<route id="aside" edges="e1 out"/>' + car("queue", 0, 50, 0, "aside")
     begin_on(net, "e0 e1 e2", car("ego", 0, 300, 20, "way") + queue)
-    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
-    ego.step()
-    seen = scene_of(ego).affordances
-    assert seen.own_front is None  # the queue is in the lane to the right
-    assert seen.mandatory.lanes == 0
-    assert "queue" in scene_of(ego).snapshot.ids
+    _, scene, _ = attached()
+    assert scene.affordances.own_front is None  # the queue is in the lane to the right
+    assert scene.affordances.mandatory.lanes == 0
+    assert "queue" in scene.snapshot.ids
 
 
-def test_a_truck_that_leaves_over_a_short_edge_stays_in_sight(
-    tmp_path: Path, sumo: ModuleType
-) -> None:
+def test_a_truck_that_leaves_over_a_short_edge_stays_in_sight(tmp_path: Path) -> None:
     off = '<edge id="out" from="n1" to="x" numLanes="1" speed="30" width="3.5" length="4"/>'
     off += '<edge id="out2" from="x" to="y" numLanes="1" speed="30" width="3.5"/>'
     net = a_road(tmp_path, [1, 1], ["e0 0 e1 0", "e0 0 out 0", "out 0 out2 0"], off)
     long = '<vType id="long" length="18"/><route id="aside" edges="out2"/>'
     truck = car("truck", 0, 2, 0, "aside").replace('type="car"', 'type="long"')
     begin_on(net, "e0 e1", car("ego", 0, 300, 20, "way") + truck, CAR + long)
-    ego = drl_av.attach(sumo, "ego", Keeps(), "permit_all")
-    ego.step()
+    front = attached(Does(), "permit_all")[1].affordances.own_front
     inside_m = [sumo.lane.getLength(name) for name in sumo.lane.getIDList() if name[0] == ":"]
-    front = scene_of(ego).affordances.own_front
     assert front is not None
     rear_m = sumo.lane.getLength("e0_0") + 4 + sumo.vehicle.getLanePosition("truck") - 18
     gap_m = rear_m - sumo.vehicle.getLanePosition("ego")
     assert gap_m < front.gap_m <= gap_m + sum(inside_m)
 
 
-def test_a_slow_lane_does_not_limit_the_next_one(tmp_path: Path, sumo: ModuleType) -> None:
+def test_a_slow_lane_does_not_limit_the_next_one(tmp_path: Path) -> None:
     lane = '<lane index="0" speed="15" width="3.5"/></edge>'
     edges = EDGES.replace(
         'numLanes="3" speed="40" width="3.5"/>', f'numLanes="3" speed="28" width="3.5">{lane}'
     )
     begin(build(tmp_path, edges), car("ego", 0, 100, 10, "off"))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
-    ego.step()
-    limits = scene_of(ego).road.speed_limits
+    limits = attached()[1].road.speed_limits
     here = [next(each.limit_m_s for each in own if each.begin_m == 2.0**19) for own in limits]
     assert here == pytest.approx([15.0, 28.0, 28.0])
 
 
-def test_while_it_parks_the_ego_does_nothing(net: Path, sumo: ModuleType) -> None:
+def test_while_it_parks_the_ego_does_nothing(net: Path) -> None:
     begin(net, car("ego", 1, 100, 10))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
+    ego = drl_av.attach(sumo, "ego", Does(), "paper")
     sumo.vehicle.setStop("ego", "in", 140.0, 1, 5.0, 1)
     parked = 0
     for _ in range(40):
@@ -403,22 +363,17 @@ def test_while_it_parks_the_ego_does_nothing(net: Path, sumo: ModuleType) -> Non
     assert sumo.vehicle.getLaneID("ego") != ""
 
 
-def test_a_vehicle_of_the_user_without_sumo_s_checks_keeps_its_type(
-    net: Path, sumo: ModuleType
-) -> None:
+def test_a_vehicle_of_the_user_without_sumo_s_checks_keeps_its_type(net: Path) -> None:
     begin(net, car("ego", 1, 100) + car("other", 2, 150))
     for name in ("ego", "other"):
         sumo.vehicle.setSpeedMode(name, 32)
-    assert drl_av.attach(sumo, "ego", "gap-mobil", "strict").step() is not None
+    attached("gap-mobil", "strict")
 
 
-def test_a_new_route_and_a_lane_that_is_closed_now_count_at_the_next_decision(
-    net: Path, sumo: ModuleType
-) -> None:
+def test_a_new_route_and_a_lane_that_is_closed_now_count_at_the_next_decision(net: Path) -> None:
     begin(net, car("ego", 1, 100))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
-    ego.step()
-    assert scene_of(ego).affordances.mandatory.lanes == 0
+    ego, scene, _ = attached()
+    assert scene.affordances.mandatory.lanes == 0
     sumo.vehicle.changeTarget("ego", "off")  # from the lane on the right
     sumo.lane.setDisallowed("in_2", ["all"])
     for _ in range(2):
@@ -428,15 +383,12 @@ def test_a_new_route_and_a_lane_that_is_closed_now_count_at_the_next_decision(
     assert not scene_of(ego).affordances.left_lane
 
 
-def test_a_route_to_a_light_is_refused_under_strict_when_it_begins(
-    tmp_path: Path, sumo: ModuleType
-) -> None:
-    nodes = NODES.replace("</nodes>", '<node id="y" x="1800" y="0"/></nodes>')
-    nodes = nodes.replace('id="c" x="1200" y="0"', 'id="c" x="1200" y="0" type="traffic_light"')
-    more = '<edge id="far" from="c" to="y" numLanes="2" speed="25" width="3.5"/></edges>'
-    begin(build(tmp_path, EDGES.replace("</edges>", more), nodes), car("ego", 1, 100))
-    ego = drl_av.attach(sumo, "ego", Keeps(), "strict")
-    ego.step()
+def test_a_route_to_a_light_is_refused_under_strict_when_it_begins(tmp_path: Path) -> None:
+    nodes = NODES.replace('id="c" x="1200" y="0"', 'id="c" x="1200" y="0" type="traffic_light"')
+    nodes += '<node id="y" x="1800" y="0"/>'
+    far = '<edge id="far" from="c" to="y" numLanes="2" speed="25" width="3.5"/>'
+    begin(build(tmp_path, EDGES + far, nodes), car("ego", 1, 100))
+    ego, *_ = attached(Does(), "strict")
     sumo.vehicle.changeTarget("ego", "far")
     sumo.simulationStep()
     ego.step()
@@ -446,154 +398,118 @@ def test_a_route_to_a_light_is_refused_under_strict_when_it_begins(
 
 
 @pytest.mark.parametrize(("lane", "side"), [(1, 1), (0, -1), (2, 1)])
-def test_an_ego_off_its_centre_goes_there_first(
-    net: Path, sumo: ModuleType, lane: int, side: int
-) -> None:
+def test_an_ego_off_its_centre_goes_there_first(net: Path, lane: int, side: int) -> None:
     begin(net, car("ego", lane, 100))
     sumo.vehicle.changeSublane("ego", 0.6 * side)
     while abs(sumo.vehicle.getLateralLanePosition("ego")) < 0.5:
         sumo.simulationStep()
-    ego = drl_av.attach(sumo, "ego", Keeps(), "paper")
-    for _ in range(10):
-        ego.step()
-        sumo.simulationStep()
+    drive(drl_av.attach(sumo, "ego", Does(), "paper"), 5.0)
     assert sumo.vehicle.getLateralLanePosition("ego") == pytest.approx(0.0, abs=1e-6)
     assert sumo.vehicle.getLaneID("ego") == f"in_{lane}"
 
 
-def test_a_line_that_no_vehicle_may_cross_is_not_crossed(tmp_path: Path, sumo: ModuleType) -> None:
+def test_a_line_that_no_vehicle_may_cross_is_not_crossed(tmp_path: Path) -> None:
     lane = '<lane index="1" changeLeft="authority" width="3.5"/></edge>'
     edges = EDGES.replace(
         'speed="40" width="3.5"/>\n<edge id="on"', f'speed="40" width="3.5">{lane}\n<edge id="on"'
     )
     begin(build(tmp_path, edges), car("ego", 1, 100))
-    ego = drl_av.attach(sumo, "ego", GoesLeft(), "paper")
-    decision = ego.step()
-    assert decision is not None
+    _, _, decision = attached(Does(MAINTAIN_LEFT))
     assert decision["executed_action"] == MAINTAIN
     assert decision["rule"] != ""
 
 
-def test_the_ego_is_no_faster_than_its_vehicle(net: Path, sumo: ModuleType) -> None:
+def test_the_ego_is_no_faster_than_its_vehicle(net: Path) -> None:
     begin(net, car("ego", 2, 100, 20), CAR.replace('maxSpeed="30"', 'maxSpeed="24"'))
-    ego = drl_av.attach(sumo, "ego", "idm", "paper")
-    for _ in range(20):
-        ego.step()
-        sumo.simulationStep()
+    drive(drl_av.attach(sumo, "ego", "idm", "paper"), 10.0)
     assert sumo.vehicle.getSpeed("ego") == pytest.approx(24.0)
 
 
-def test_two_egos_drive_under_strict(net: Path, sumo: ModuleType) -> None:
+def test_two_egos_drive_under_strict(net: Path) -> None:
     """The type of an ego that is attached has our limits, not those with which SUMO obeys us."""
     begin(net, car("one", 1, 100) + car("two", 2, 150))
     egos = [drl_av.attach(sumo, name, "gap-mobil", "strict") for name in ("one", "two", "one")]
     assert all(ego.step() is not None for ego in egos)
 
 
-def test_a_driver_of_ppo_sees_the_road_of_the_simulation(net: Path, sumo: ModuleType) -> None:
+def test_a_driver_of_ppo_sees_the_road_of_the_simulation(net: Path) -> None:
     begin(net, car("ego", 2, 100, route="off"))  # two lanes to the left of its exit
     weight, bias = np.zeros((12, INPUTS), np.float32), np.zeros(12, np.float32)
     weight[MAINTAIN_RIGHT, WIDE_NAMES.index("ego_way_changes")] = -1.0
     bias[MAINTAIN] = 0.1
     trained_on_a_loop = MaskedPolicyDriver([(weight, bias)], permit_all, Config())
-    decision = drl_av.attach(sumo, "ego", trained_on_a_loop).step()
-    assert decision is not None
+    _, _, decision = attached(trained_on_a_loop, None)
     assert decision["proposed_action"] == MAINTAIN_RIGHT
 
 
 def check_without_a_rule(scene: Scene, proposed: Action) -> Verdict:
-    return Verdict(Action(Lateral.KEEP, Longitudinal.BRAKE), Rule.IN_LANE)
+    return Verdict(ACTIONS[2], Rule.IN_LANE)
 
 
-def test_the_user_s_own_check_decides(net: Path, sumo: ModuleType) -> None:
+def test_the_user_s_own_check_decides(net: Path) -> None:
     begin(net, car("ego", 2, 100, 20))
-    ego = drl_av.attach(sumo, "ego", Keeps(), check_without_a_rule)
-    decision = ego.step()
-    assert decision is not None
-    assert decision["executed_action"] == 2
-
-
-HARD = CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"')
+    assert attached(Does(), check_without_a_rule)[2]["executed_action"] == 2
 
 
 @pytest.mark.parametrize(
-    ("options", "types", "given", "sentence"),
+    ("options", "given", "sentence"),
     [
-        (("--step-length", "0.5"), CAR, {}, "start it with --lateral-resolution"),
+        ("--step-length 0.5", {}, "start it with --lateral-resolution"),
         (
-            ("--step-length", "0.3", "--lateral-resolution", "3.5"),
-            CAR,
-            {},
-            "SUMO's step length is 0.3 s, but must divide one second",
+            "--step-length 0.3 --lateral-resolution 3.5",
+            *({}, "SUMO's step length is 0.3 s, but must divide one second"),
         ),
-        ((), CAR, {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
+        ("", {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
         (
-            (),
-            CAR,
-            {"config": {"ego": {"max_speed_m_s": 19.0}}},
+            *("", {"config": {"ego": {"max_speed_m_s": 19.0}}}),
             r"drives 20 m/s, but ego.max_speed_m_s is 19: raise that, .*: 21\}\}",
         ),
-        ((), CAR, {"driver": "sumo"}, "SUMO drives the vehicle already"),
-        ((), CAR, {"driver": "idm-sumo"}, "lane changes of idm-sumo: attach idm-mobil instead"),
+        ("", {"driver": "sumo"}, "SUMO drives the vehicle already"),
+        ("", {"driver": "idm-sumo"}, "lane changes of idm-sumo: attach idm-mobil instead"),
         (
-            (),
-            CAR,
-            {"driver": drl_av.load_driver("sumo"), "config": {"driver": {"hold_s": 2.0}}},
+            *("", {"driver": drl_av.load_driver("sumo"), "config": {"driver": {"hold_s": 2.0}}}),
             "SUMO drives the vehicle already",
         ),
-        ((), CAR, {"driver": 3}, r"driver is a int, but must be an object with start\(seed\)"),
+        ("", {"driver": 3}, r"driver is a int, but must be an object with start\(seed\)"),
+        ("", {"driver": Does}, "driver is a type, .*: a class or a function has to be called"),
+        ("", {"driver": Looks()}, r"act of the driver 'Looks' is called with \(scene, observ"),
+        ("", {"safety_check": 5}, "safety_check is 5, but must be a function of"),
         (
-            (),
-            CAR,
-            {"driver": Keeps},
-            "driver is a type, .*: a class or a function has to be called",
-        ),
-        ((), CAR, {"driver": Looks()}, r"act of the driver 'Looks' is called with \(scene, observ"),
-        ((), HARD, {"safety_check": "strict"}, "Decel of the vehicle type car .*take .*paper"),
-        (
-            ("--step-length", "0.5", "--lateral-resolution", "0.8"),
-            CAR,
-            {"safety_check": "strict"},
+            *("--step-length 0.5 --lateral-resolution 0.8", {"safety_check": "strict"}),
             r"lateral_resolution_m must be at least the lane width, 3.5",
         ),
+        ("", {"connection": "sumo"}, "connection is 'sumo', but must be the module libsumo"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence(
-    net: Path,
-    sumo: ModuleType,
-    options: tuple[str, ...],
-    types: str,
-    given: dict[str, Any],
-    sentence: str,
+    net: Path, options: str, given: dict[str, Any], sentence: str
 ) -> None:
-    begin(net, car("ego", 2, 100), types, *options)
+    begin(net, car("ego", 2, 100), CAR, *options.split())
+    usual = {"connection": sumo, "vehicle": "ego", "driver": "gap-mobil"}
     with pytest.raises((ConfigError, SimulationError), match=sentence) as error:
-        drl_av.attach(sumo, **({"vehicle": "ego", "driver": "gap-mobil"} | given))
+        drl_av.attach(**(usual | given))
     assert "\n" not in str(error.value)
 
 
-def test_a_connection_or_a_check_that_is_none_is_refused(net: Path, sumo: ModuleType) -> None:
-    with pytest.raises(ConfigError, match="connection is 'sumo', but must be the module libsumo"):
-        drl_av.attach("sumo", "ego", Keeps())
-    begin(net, car("ego", 2, 100))
-    with pytest.raises(ConfigError, match="safety_check is 5, but must be a function of"):
-        drl_av.attach(sumo, "ego", Keeps(), 5)  # type: ignore[arg-type]
+def test_a_type_that_brakes_harder_is_refused_under_strict(net: Path) -> None:
+    begin(net, car("ego", 2, 100), CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"'))
+    with pytest.raises(ConfigError, match=r"Decel of the vehicle type car .*take .*paper") as error:
+        attached("gap-mobil", "strict")
+    assert "\n" not in str(error.value)
 
 
-def test_strict_is_refused_where_the_route_has_a_light_and_paper_drives(
-    tmp_path: Path, sumo: ModuleType
-) -> None:
+def test_strict_is_refused_where_the_route_has_a_light_and_paper_drives(tmp_path: Path) -> None:
     lit = NODES.replace('id="b" x="600" y="0"', 'id="b" x="600" y="0" type="traffic_light"')
     begin(build(tmp_path, EDGES, lit), car("ego", 2, 100))
     with pytest.raises(ConfigError, match=r"in_\d does: take the check paper"):
-        drl_av.attach(sumo, "ego", "gap-mobil", "strict")
-    assert drl_av.attach(sumo, "ego", "gap-mobil", "paper").step() is not None
+        attached("gap-mobil", "strict")
+    attached("gap-mobil", "paper")
 
 
-def test_lanes_of_different_widths_are_refused(tmp_path: Path, sumo: ModuleType) -> None:
-    edges = EDGES.replace(
+def test_lanes_of_different_widths_are_refused(tmp_path: Path) -> None:
+    narrow = EDGES.replace(
         'numLanes="2" speed="25" width="3.5"', 'numLanes="2" speed="25" width="3"'
     )
-    begin(build(tmp_path, edges), car("ego", 2, 100))
+    begin(build(tmp_path, narrow), car("ego", 2, 100))
     with pytest.raises(SimulationError, match=r"'on_0' on the route of 'ego' is 3 m wide"):
-        drl_av.attach(sumo, "ego", "gap-mobil", "paper")
+        attached("gap-mobil")

@@ -254,23 +254,3 @@ def test_what_the_user_names_is_refused_and_not_replaced(
         drl_av.train("nowhere", scenario="merge", traffic="paper")
     assert main(["replay", "idm", "--scenario", "merge", "--traffic", "paper"]) == 1
     assert "traffic.kind to calm, the default there" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("name", "driver"),
-    [
-        ("Merge", "pretrained-merge"),
-        ("Exit", "pretrained-exit"),
-        ("RampToRamp", "pretrained-ramp_to_ramp"),
-    ],
-)
-def test_the_shipped_driver_of_a_road_drives_in_its_environment(name: str, driver: str) -> None:
-    with closing(gymnasium.make(f"drl_av/{name}-v0", safety_check="strict")) as env:
-        observation, _ = env.reset(seed=3, options={"vehicles": 20})
-        found, over = drl_av.load_driver(driver), False
-        found.start(3)
-        while not over:
-            number = found.act(env.unwrapped.scene, observation).number
-            observation, _, terminated, truncated, info = env.step(number)
-            over = terminated or truncated
-    assert info["way"] in ("merged", "exit taken")
