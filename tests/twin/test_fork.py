@@ -10,6 +10,7 @@ import pytest
 
 from drl_av.config import Config
 from drl_av.drivers.registry import load_driver
+from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
@@ -23,6 +24,14 @@ TWIN = Config().with_traffic("calm").updated("simulation", world="twin")
 def twin() -> Iterator[HighwayEnv]:
     with closing(HighwayEnv(config=TWIN, action_mask=True)) as env:
         yield env
+
+
+def assert_same(there: Scene, here: Scene) -> None:
+    """All vehicles are in the same places and drive alike, to the bit."""
+    assert there.snapshot[:2] == here.snapshot[:2]  # the time and the names
+    assert there.lane_change == here.lane_change
+    for one, other in zip(there.snapshot.arrays, here.snapshot.arrays, strict=True):
+        assert np.array_equal(one, other), here.snapshot.time_s
 
 
 def amid_a_lane_change(env: HighwayEnv, seed: int = 1_000_003, vehicles: int = 20) -> None:
@@ -43,12 +52,8 @@ def test_the_copies_of_a_world_go_on_as_it_does_if_they_may_know_its_future(
     amid_a_lane_change(twin)
     copies = twin.fork(2, include_rng=True)
     for decision in range(60):
-        scenes = [copies.scene(row) for row in range(2)]
-        for scene in scenes:
-            assert scene.snapshot.time_s == twin.scene.snapshot.time_s
-            for one, other in zip(scene.snapshot.arrays, twin.scene.snapshot.arrays, strict=True):
-                assert np.array_equal(one, other), decision
-            assert scene.lane_change == twin.scene.lane_change
+        for row in range(2):
+            assert_same(copies.scene(row), twin.scene)
         masks = copies.action_masks()
         assert (masks == twin.action_masks()).all()
         action = int(np.flatnonzero(masks[0])[decision % masks[0].sum()])
@@ -70,10 +75,8 @@ def test_the_copies_of_our_own_drivers_remember_what_the_originals_do(traffic: s
         copies = twin.fork(1, include_rng=True)
         assert copies.worlds.z[0, DRIVER_STATE, :21].tolist() == states.tolist()
         assert copies.worlds.z[0, BRAKING, :21].tolist() == braking.tolist()
-        for decision in range(60):
-            here, there = twin.scene.snapshot.arrays, copies.scene(0).snapshot.arrays
-            for one, other in zip(here, there, strict=True):
-                assert np.array_equal(one, other), decision
+        for _ in range(60):
+            assert_same(copies.scene(0), twin.scene)
             twin.step(0)
             copies.step(np.zeros(1, np.int64))
 
@@ -170,10 +173,7 @@ def test_on_an_open_road_the_same_vehicles_enter_and_leave_in_the_copies(kind: s
         before = set(env.scene.snapshot.ids)
         for decision in range(30):
             for row in range(2):
-                here, there = env.scene.snapshot, copies.scene(row).snapshot
-                assert there.ids == here.ids
-                for one, other in zip(there.arrays, here.arrays, strict=True):
-                    assert np.array_equal(one, other), decision
+                assert_same(copies.scene(row), env.scene)
             permitted = np.flatnonzero(env.action_masks())
             action = int(permitted[decision % len(permitted)])
             *_, info = env.step(action)
@@ -225,21 +225,25 @@ def test_the_info_of_a_copy_counts_the_episode_so_far(world: str) -> None:
     assert infos["mean_speed_m_s"][0] == pytest.approx(info["mean_speed_m_s"], abs=1e-6)
 
 
-@pytest.mark.parametrize("world", ["sumo", "twin"])
-def test_the_copies_of_a_named_environment_observe_what_it_does(world: str) -> None:
-    config = {"simulation": {"world": world}}
-    with closing(gymnasium.make("drl_av/Exit-v0", config=config)) as env:
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("Exit", {"config": {"simulation": {"world": "sumo"}}}),
+        ("Exit", {"config": {"simulation": {"world": "twin"}}}),
+        ("Highway", {"observation": "wide"}),
+    ],
+)
+def test_the_copies_of_a_named_environment_observe_what_it_does(
+    name: str, given: dict[str, Any]
+) -> None:
+    with closing(gymnasium.make(f"drl_av/{name}-v0", **given)) as env:
         env.reset(seed=1_000_004)
         copies = env.unwrapped.fork(2, include_rng=True)  # type: ignore[attr-defined]
         assert copies.single_observation_space == env.observation_space
+        assert copies.observation_space.shape == (2, *env.observation_space.shape)
         observation = env.step(0)[0]
         found = copies.step(np.zeros(2, np.int64))[0]
         assert found == pytest.approx(np.stack([observation] * 2), abs=0.02)
-    with closing(gymnasium.make("drl_av/Highway-v0", observation="wide")) as env:
-        env.reset(seed=1)
-        copies = env.unwrapped.fork(2)  # type: ignore[attr-defined]
-        assert copies.observation_space.shape == (2, *env.observation_space.shape)
-        assert copies.step(np.zeros(2, np.int64))[0][0] == pytest.approx(env.step(0)[0], abs=0.02)
 
 
 def test_on_an_open_road_other_vehicles_enter_where_the_future_is_not_known() -> None:
@@ -300,7 +304,6 @@ def test_copies_of_copies_and_an_end_that_stays(twin: HighwayEnv) -> None:
     copies = worlds.fork(5, world=1).fork(2, seed=9, world=4)
     assert copies.num_envs == 2
     assert copies.scene(0).snapshot.s_m.tolist() == worlds.scene(1).snapshot.s_m.tolist()
-    assert copies.action_space.shape == (2,)
     for _ in range(60):  # full speed to the right until both have hit something
         observation, _, terminated, *_ = copies.step(np.array([9, 9]))
         if terminated.all():
@@ -334,7 +337,6 @@ def test_a_driver_searches_among_copies(twin: HighwayEnv) -> None:
         proposed = [rule.act(copies.scene(row), np.empty(0)).number for row in range(len(total))]  # type: ignore[arg-type]
         total += copies.step(np.array(proposed))[1]
     assert len(set(total.tolist())) > 1
-    assert int(permitted[total.argmax()]) in permitted
 
 
 def test_what_cannot_be_copied_is_refused() -> None:

@@ -209,11 +209,17 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
         ({"safety_check": 3}, "safety_check is 3, but the twin has the named checks only"),
         ({"scenario": {"lanes": 2}}, "scenario is of the type dict"),
         ({"config": {"simulation": {"lateral_resolution_m": 1.9}}}, r"\(set it to 3.8\): drive"),
+        ({"config": {"simulation": {"step_length_s": 0.25}}}, "step_length_s"),
+        ({"observation": 7}, "must be wide, names of groups"),
+        ({"reward": 7}, "must be a function"),
+        ({"safety_check": lambda scene, proposed: None}, "named checks"),
+        ({"threads": 0}, "threads is 0, but must be a whole number from 1 on"),
+        ({"num_envs": 0}, "num_envs is 0"),
     ],
 )
-def test_an_argument_that_make_vec_cannot_take_is_refused(given: Any, words: str) -> None:
+def test_an_argument_that_the_twin_cannot_take_is_refused(given: Any, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        TwinVectorEnv(2, **given)
+        TwinVectorEnv(**({"num_envs": 2} | given))
 
 
 def test_a_scenario_of_the_settings_is_as_if_it_were_named() -> None:
@@ -302,21 +308,6 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
     assert scene.indicators.values[:27] == pytest.approx(info["indicators"][1])
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"scenario": "barricade"}, "places exactly"),
-        ({"observation": 7}, "must be wide, names of groups"),
-        ({"reward": 7}, "must be a function"),
-        ({"config": Config().updated("simulation", step_length_s=0.25)}, "step_length_s"),
-        ({"safety_check": lambda scene, proposed: None}, "named checks"),
-    ],
-)
-def test_what_the_twin_cannot_do_is_refused(settings: dict[str, Any], words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
-        TwinVectorEnv(1, **settings)
-
-
 @pytest.mark.parametrize("actions", [[0], [0, 12], [0, -1], [[0, 0]], [0.0, 1.0]])
 def test_wrong_actions_are_refused(actions: Any) -> None:
     env = TwinVectorEnv(2)
@@ -355,13 +346,6 @@ def test_the_first_reset_begins_all_worlds() -> None:
 def test_a_seed_that_is_no_number_is_refused(seed: Any) -> None:
     with pytest.raises(ConfigError, match=r"must be a whole number below 2\^63, or one for each"):
         TwinVectorEnv(2).reset(seed=seed)
-
-
-def test_no_worlds_and_no_threads_are_refused() -> None:
-    with pytest.raises(ConfigError, match="threads is 0, but must be a whole number from 1 on"):
-        TwinVectorEnv(2, threads=0)
-    with pytest.raises(ConfigError, match="num_envs is 0"):
-        TwinVectorEnv(0)
 
 
 def test_the_arrays_of_all_settings_have_the_same_types() -> None:
