@@ -8,8 +8,9 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 from programs import python
+from worlds import BARRICADED_ROAD, LEFT, RIGHT, ROAD, Car, snapshot
 
 from drl_av.drawing.canvas import ALARM, AMBER, ASPHALT, EGO_COLOR, GROUND, speed_color
 from drl_av.drawing.film import interpolated, write_video
@@ -18,27 +19,8 @@ from drl_av.drawing.picture import Picture, draw
 from drl_av.drawing.road_view import CLOSE_UP, OVERVIEW, RoadStrip
 from drl_av.errors import RecordingError
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
-from drl_av.road.snapshot import Snapshot
 
-ROAD = Road(500.0, 3.8, (True, True, True))
-BARRICADED = Road(500.0, 3.8, (False, True, True))
 BANDS = pytest.mark.parametrize("band", [CLOSE_UP, OVERVIEW], ids=["close-up", "overview"])
-
-
-def scene(*places: tuple[float, float], speed_m_s: float = 20.0, time_s: float = 3.0) -> Snapshot:
-    """Vehicles of 5 m by 1.8 m at (s, y); the first is the ego."""
-    s_m, y_m = np.array(places, dtype=np.float64).T
-    number = len(places)
-    return Snapshot(
-        time_s=time_s,
-        ids=("ego", *(f"v{row}" for row in range(1, number))),
-        s_m=s_m,
-        y_m=y_m,
-        speed_m_s=np.full(number, speed_m_s),
-        lateral_speed_m_s=np.zeros(number),
-        length_m=np.full(number, 5.0),
-        width_m=np.full(number, 1.8),
-    )
 
 
 def places_of(
@@ -56,7 +38,7 @@ def places_of(
 def test_ego_is_in_its_own_colour_on_the_centre_row_of_its_lane(
     band: RoadStrip, y_m: float
 ) -> None:
-    picture = draw(scene((100.0, y_m)), ROAD, Caption())
+    picture = draw(snapshot(y_m=y_m), ROAD, Caption())
     _, row = places_of(picture, EGO_COLOR, band)
     lane_from_left = 2 - round(y_m / 3.8)
     assert row == pytest.approx(band.top + (lane_from_left + 0.5) * band.lane_px, abs=2)
@@ -64,7 +46,7 @@ def test_ego_is_in_its_own_colour_on_the_centre_row_of_its_lane(
 
 @BANDS
 def test_vehicle_50_m_ahead_in_the_left_lane_is_right_of_and_above_the_ego(band: RoadStrip) -> None:
-    picture = draw(scene((480.0, 3.8), (30.0, 7.6)), ROAD, Caption())
+    picture = draw(snapshot(Car(50.0, LEFT), s_m=480.0), ROAD, Caption())
     ego_column, ego_row = places_of(picture, EGO_COLOR, band)
     column, row = places_of(picture, speed_color(20.0), band)
     assert column - ego_column == pytest.approx(50 * band.px_per_m, abs=3)
@@ -72,7 +54,7 @@ def test_vehicle_50_m_ahead_in_the_left_lane_is_right_of_and_above_the_ego(band:
 
 
 def test_rightmost_lane_is_outermost_on_the_loop_and_a_quarter_on_is_at_the_top() -> None:
-    picture = draw(scene((125.0, 0.0)), ROAD, Caption())[384:, :352]
+    picture = draw(snapshot(s_m=125.0, y_m=RIGHT), ROAD, Caption())[384:, :352]
     rows, columns = np.nonzero((picture == EGO_COLOR).all(axis=2))
     assert columns.mean() == pytest.approx(186, abs=1)
     outermost_lane_px = 146 - 8
@@ -81,14 +63,14 @@ def test_rightmost_lane_is_outermost_on_the_loop_and_a_quarter_on_is_at_the_top(
 
 def test_same_scene_twice_is_the_same_bytes_whatever_was_drawn_between() -> None:
     caption = Caption("idm", 1, 7, 3, "brake", "brake", "in lane", -0.5, -0.5, 0.0, -1.0)
-    before = draw(scene((0.0, 3.8), (30.0, 0.0)), ROAD, caption)
-    draw(scene((77.0, 0.0), (10.0, 7.6)), ROAD, Caption("other"))
-    assert before.tobytes() == draw(scene((0.0, 3.8), (30.0, 0.0)), ROAD, caption).tobytes()
+    before = draw(snapshot(Car(30.0, RIGHT)), ROAD, caption)
+    draw(snapshot(Car(-67.0, LEFT), s_m=77.0, y_m=RIGHT), ROAD, Caption("other"))
+    assert before.tobytes() == draw(snapshot(Car(30.0, RIGHT)), ROAD, caption).tobytes()
 
 
 def test_barricaded_lane_looks_different_and_the_open_ones_do_not() -> None:
-    snapshot = scene((0.0, 7.6))
-    opened, barred = (draw(snapshot, road, Caption()) for road in (ROAD, BARRICADED))
+    shot = snapshot(y_m=LEFT)
+    opened, barred = (draw(shot, road, Caption()) for road in (ROAD, BARRICADED_ROAD))
     differs = (opened != barred).any(axis=2)[:, CLOSE_UP.left : CLOSE_UP.right]
     right_lane = CLOSE_UP.top + 2 * CLOSE_UP.lane_px
     assert differs[right_lane + 3 : right_lane + CLOSE_UP.lane_px - 3].mean() > 0.9
@@ -100,7 +82,7 @@ def test_lanes_on_either_side_are_drawn_where_they_are_and_end_at_a_bar() -> Non
     right = [PartialLane(lane, 0.0, 120.0, 0.0, 120.0) for lane in (0, 1)]
     left = PartialLane(4, 0.0, 90.0, 0.0, 90.0)
     road = Road(OPEN_LAP_M, 3.8, (True,) * 5, 900.0, (*right, left))
-    picture = draw(scene((100.0, 7.6)), road, Caption())
+    picture = draw(snapshot(y_m=LEFT), road, Caption())
 
     def at(s_m: float, y_m: float) -> tuple[int, ...]:
         row = round(CLOSE_UP.y(road, y_m))
@@ -116,9 +98,8 @@ def test_lanes_on_either_side_are_drawn_where_they_are_and_end_at_a_bar() -> Non
 
 
 def test_ego_moving_left_signals_on_its_left_side_only() -> None:
-    straight = scene((0.0, 3.8))
-    left = straight._replace(lateral_speed_m_s=np.array([0.76]))
-    changed = (draw(straight, ROAD, Caption()) != draw(left, ROAD, Caption())).any(axis=2)
+    straight, left = (draw(snapshot(v_y=v_y), ROAD, Caption()) for v_y in (0.0, 0.76))
+    changed = (straight != left).any(axis=2)
     ego_row = CLOSE_UP.top + CLOSE_UP.lane_px + CLOSE_UP.lane_px // 2
     assert changed[CLOSE_UP.top : ego_row - 2].any()
     assert not changed[ego_row + 2 : OVERVIEW.top - 10].any()
@@ -136,8 +117,8 @@ def test_ego_moving_left_signals_on_its_left_side_only() -> None:
     ],
 )
 def test_the_caption_is_drawn_below_or_above_the_road(caption: Caption) -> None:
-    plain = draw(scene((0.0, 3.8)), ROAD, Caption())
-    differs = (draw(scene((0.0, 3.8)), ROAD, caption) != plain).any(axis=2)
+    plain = draw(snapshot(), ROAD, Caption())
+    differs = (draw(snapshot(), ROAD, caption) != plain).any(axis=2)
     assert differs.any()
     assert not differs[48:384].any()
     assert not differs[:, :18].any()
@@ -147,7 +128,7 @@ def test_the_caption_is_drawn_below_or_above_the_road(caption: Caption) -> None:
 
 @pytest.mark.parametrize("size", [(640, 360), (1920, 1080), (600, 600)])
 def test_picture_has_the_size_asked_for(size: tuple[int, int]) -> None:
-    picture = draw(scene((0.0, 3.8)), ROAD, Caption(), size)
+    picture = draw(snapshot(), ROAD, Caption(), size)
     assert picture.shape == (size[1], size[0], 3)
     assert picture.dtype == np.uint8
     assert (picture == EGO_COLOR).all(axis=2).any()
@@ -156,14 +137,14 @@ def test_picture_has_the_size_asked_for(size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("lanes", [1, 2, 5])
 def test_ego_is_on_the_asphalt_with_other_numbers_of_lanes(lanes: int) -> None:
     road = Road(150.0, 3.2, (True,) * lanes)
-    picture = draw(scene((0.0, 3.2 * (lanes - 1))), road, Caption())
+    picture = draw(snapshot(y_m=3.2 * (lanes - 1)), road, Caption())
     _, row = places_of(picture, EGO_COLOR, CLOSE_UP)
     assert CLOSE_UP.top < row < CLOSE_UP.top + 3 * CLOSE_UP.lane_px
 
 
 def test_halfway_over_the_seam_goes_the_short_way_on() -> None:
-    a = scene((495.0, 0.0), (100.0, 3.8), time_s=3.0)
-    b = scene((15.0, 3.8), (120.0, 3.8), time_s=4.0)
+    a = snapshot(Car(105.0), s_m=495.0, y_m=RIGHT, time_s=3.0)
+    b = snapshot(Car(105.0), s_m=15.0, time_s=4.0)
     middle = interpolated(a, b, 0.75, ROAD)
     np.testing.assert_allclose(middle.s_m, [10.0, 115.0])
     np.testing.assert_allclose(middle.y_m, [2.85, 3.8])
@@ -172,16 +153,15 @@ def test_halfway_over_the_seam_goes_the_short_way_on() -> None:
 
 def test_vehicle_goes_forward_even_where_backward_is_shorter_on_a_small_loop() -> None:
     small = Road(50.0, 3.8, (True,))
-    a = scene((0.0, 0.0), speed_m_s=30.0, time_s=0.0)
-    b = scene((30.0, 0.0), speed_m_s=30.0, time_s=1.0)
+    a, b = (snapshot(s_m=30.0 * t, y_m=RIGHT, speed_m_s=30.0, time_s=t) for t in (0.0, 1.0))
     assert interpolated(a, b, 0.5, small).s_m[0] == pytest.approx(15.0)
 
 
 def test_vehicles_are_matched_by_name_when_their_rows_differ() -> None:
-    a = scene((0.0, 0.0), (100.0, 0.0), (200.0, 7.6))
-    b = scene((20.0, 0.0), (220.0, 7.6), (300.0, 0.0), time_s=4.0)._replace(ids=("ego", "v2", "v9"))
-    middle = interpolated(a, b, 0.5, ROAD)
-    assert middle.ids == ("ego", "v2")
+    a = snapshot(Car(100.0), Car(200.0, LEFT), s_m=0.0, time_s=3.0)
+    b = snapshot(Car(200.0, LEFT), Car(280.0), s_m=20.0, time_s=4.0)
+    middle = interpolated(a, b._replace(ids=("ego", "vehicle2", "vehicle9")), 0.5, ROAD)
+    assert middle.ids == ("ego", "vehicle2")
     np.testing.assert_allclose(middle.s_m, [10.0, 210.0])
 
 
@@ -206,11 +186,8 @@ def test_gif_has_every_frame_and_its_time(tmp_path: Path) -> None:
     path = tmp_path / "ride.gif"
     assert write_video(path, frames(4), fps=10) == 4
     with Image.open(path) as image:
-        assert (getattr(image, "n_frames", 1), image.size, image.info["duration"]) == (
-            4,
-            (160, 90),
-            100,
-        )
+        found = getattr(image, "n_frames", 1), image.size, image.info["duration"]
+    assert found == (4, (160, 90), 100)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -218,11 +195,8 @@ def test_a_gif_is_as_long_as_its_episode_though_it_counts_in_hundredths(tmp_path
     path = tmp_path / "ride.gif"
     write_video(path, frames(11), fps=11)  # 90.9 ms each
     with Image.open(path) as image:
-        durations = []
-        for frame in range(11):
-            image.seek(frame)
-            durations.append(image.info["duration"])
-    assert sum(durations) == 1000
+        durations = [frame.info["duration"] for frame in ImageSequence.Iterator(image)]
+    assert (len(durations), sum(durations)) == (11, 1000)
     assert set(durations) == {90, 100}
 
 

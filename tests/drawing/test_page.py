@@ -48,6 +48,13 @@ def browser(page: Path, moment_s: float | str, *options: str) -> str:
     return done.stdout
 
 
+def picture_of(page: Path, moment_s: float) -> Image.Image:
+    """What the browser shows of the page, at a width of 1200."""
+    picture = page.with_name("page.png")
+    browser(page, moment_s, "--window-size=1200,760", f"--screenshot={picture}")
+    return Image.open(picture).convert("RGB")
+
+
 def test_the_page_shows_the_decision_of_the_moment(page: Path) -> None:
     shown = browser(page, 0.5, "--dump-dom")
     assert "<title>a &lt;story&gt;</title>" in shown
@@ -70,23 +77,15 @@ def test_the_facts_and_the_events_are_on_the_page(page: Path) -> None:
     facts = "safety check: strict"
     write_page(page, ROAD, [PageEpisode("drive", facts, "Q-values", shots, decisions)])
     assert 'class="facts">safety check: strict<' in browser(page, 0.0, "--dump-dom")
-    picture = page.with_name("page.png")
-    browser(page, 0.0, "--window-size=1200,760", f"--screenshot={picture}")
-    image = Image.open(picture).convert("RGB")
-    red = [
-        x
-        for x in range(80, 880)
-        for y in (288, 294, 300, 306, 312)
-        if image.getpixel((x, y)) == RED
-    ]
+    image = picture_of(page, 0.0)
+    ticks = ((x, y) for x in range(80, 880) for y in (288, 294, 300, 306, 312))
+    red = [place[0] for place in ticks if image.getpixel(place) == RED]
     assert red, "the collision has no tick above the time bar"
     assert 440 < sum(red) / len(red) < 520  # half of the bar, at 10 of 20 s
 
 
 def test_the_ego_is_drawn_in_its_colour_in_the_middle_of_the_road(page: Path) -> None:
-    picture = page.with_name("page.png")
-    browser(page, 1.5, "--window-size=1200,760", f"--screenshot={picture}")
-    image = Image.open(picture).convert("RGB")
+    image = picture_of(page, 1.5)
     pink = [x for x in range(1200) if image.getpixel((x, 147)) == EGO_COLOR]
     assert 590 <= sum(pink) / len(pink) <= 610
     assert 25 <= len(pink) <= 35  # 5 m of the 200 m that are in view
@@ -110,9 +109,7 @@ def test_two_episodes_share_the_time_bar_and_the_one_that_ended_says_when(page: 
     assert "4.0 s of 5 s" in shown
     assert "20.0 m/s; so far 80 m<" in shown  # over the end of the loop of 500 m
     assert "10.0 m/s; so far 30 m; ended at 3 s<" in shown
-    assert re.search(
-        r"of whole<.*Probabilities<.*of short<.*not shown for this driver<", shown, re.S
-    )
+    assert re.search(r"of whole<.*Probabilities<.*of short<.*not shown for this dr", shown, re.S)
     assert shown.count('class="events"') == 2
 
 
@@ -132,9 +129,7 @@ def test_on_a_short_loop_the_road_goes_on_and_a_vehicle_is_seen_a_lap_away(page:
     loop = replace(ROAD, lap_m=80.0)
     shots = [snapshot(ahead(40.0), s_m=20.0, time_s=t, road=loop) for t in (0.0, 1.0)]
     write_page(page, loop, [PageEpisode("tiny", snapshots=shots, decisions=[KEEP])])
-    picture = page.with_name("page.png")
-    browser(page, 0.0, "--window-size=1200,760", f"--screenshot={picture}")
-    image = Image.open(picture).convert("RGB")
+    image = picture_of(page, 0.0)
     line = [image.getpixel((x, 147)) for x in range(25, 1175)]
     assert line.count(EGO_COLOR) > 2 * 25  # it sees itself 80 m ahead and behind
     assert line.count((0x1D, 0x23, 0x2A)) == 0  # asphalt all along, no empty ground
