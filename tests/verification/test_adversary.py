@@ -10,7 +10,6 @@ from verification.families import placed
 
 STRICT = Config().updated("safety", check="strict")
 SCENES, DECISIONS = 3000, 8
-LANE = np.array([1])
 SIDES = [-1.0, -0.6, -0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.6, 1.0]
 
 
@@ -42,10 +41,13 @@ NOTHING = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 1)), np.zeros((1, 1))
 """The ego maintains its speed, and the other one too."""
 
 
-def approach(ahead_m: float, lane: int) -> World:
-    """The ego at 30 m/s in the middle lane, and a standing vehicle."""
-    lanes = np.array([[lane]])
-    return placed(LANE, np.array([30.0]), np.array([[ahead_m]]), lanes, np.zeros((1, 1)))
+def beside(
+    *others: tuple[float, int], ego_m_s: float = 30.0, other_m_s: float = 0.0, lane: int = 1
+) -> World:
+    """The ego, and vehicles that far ahead in these lanes."""
+    ahead_m, lanes = (np.array([column]) for column in zip(*others, strict=True))
+    speeds_m_s = np.full((1, len(others)), other_m_s)
+    return placed(np.array([lane]), np.array([ego_m_s]), ahead_m, lanes, speeds_m_s)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +62,7 @@ def test_the_ego_hits_a_vehicle_that_it_passes_within_a_step_only_in_its_own_lan
     lane: int, least_m: float, collisions: dict[int, Collision]
 ) -> None:
     # 30 m/s are 15 m a step: from 0.5 m behind a standing vehicle, bodies 5 m long, past its front
-    world = approach(5.5, lane)
+    world = beside((5.5, lane))
     Mover(STRICT).decision(world, NOTHING.proposal, NOTHING)
     assert world.least_m[0, 0] == pytest.approx(least_m)
     assert world.collisions == collisions
@@ -68,8 +70,7 @@ def test_the_ego_hits_a_vehicle_that_it_passes_within_a_step_only_in_its_own_lan
 
 def test_of_two_vehicles_in_its_way_the_ego_hits_the_one_that_it_reaches_first() -> None:
     # gaps of 7 and 4 m, both closed within a step of 15 m
-    both_m, lanes = np.array([[12.0, 9.0]]), np.array([[1, 1]])
-    world = placed(LANE, np.array([30.0]), both_m, lanes, np.zeros((1, 2)))
+    world = beside((12.0, 1), (9.0, 1))
     still = Orders(np.zeros(1, dtype=np.int64), np.zeros((1, 2)), np.zeros((1, 2)))
     Mover(STRICT).decision(world, still.proposal, still)
     assert world.collisions == {0: Collision(CollisionKind.HIT_AHEAD, "vehicle2")}
@@ -77,9 +78,7 @@ def test_of_two_vehicles_in_its_way_the_ego_hits_the_one_that_it_reaches_first()
 
 def test_the_ego_that_leaves_the_road_hits_its_edge() -> None:
     # 1 m from its side to the edge at 0.76 m/s: the third step of half a second
-    world = placed(
-        LANE + 1, np.array([20.0]), np.array([[50.0]]), LANE[:, None], np.array([[20.0]])
-    )
+    world = beside((50.0, 1), ego_m_s=20.0, other_m_s=20.0, lane=2)
     left, mover = NOTHING._replace(proposal=np.array([8])), Mover(STRICT)
     mover.decision(world, left.proposal, left)
     assert world.collisions == {}
@@ -101,7 +100,7 @@ def test_the_ego_that_leaves_the_road_hits_its_edge() -> None:
 def test_one_that_creeps_beside_the_ego_stands_still_for_bound_3(
     y_m: float, side: float, goes: bool
 ) -> None:
-    world = placed(LANE, np.array([20.0]), np.zeros((1, 1)), 2 * LANE[:, None], np.full((1, 1), 20))
+    world = beside((0.0, 2), ego_m_s=20.0, other_m_s=20.0)
     world.y_m[0, 1], world.lateral_m_s[0, 1] = y_m, -0.0076
     told = NOTHING._replace(side=np.array([[side]]))
     _, places_m = next(Mover(STRICT).steps(world, NOTHING.proposal, told))
@@ -111,16 +110,13 @@ def test_one_that_creeps_beside_the_ego_stands_still_for_bound_3(
 def test_no_vehicle_begins_to_move_in_while_the_ego_passes() -> None:
     # at 3.5 m/s its side would touch the ego's in the step in which the ego passes it
     config = STRICT.updated("strict", lateral_speed_m_s=3.5)
-    right = Orders(np.zeros(1, np.int64), np.zeros((1, 1)), np.full((1, 1), -1.0))
+    right = NOTHING._replace(side=np.full((1, 1), -1.0))
     # the ego comes 12.5 m nearer in a step: it ends 0.1 m ahead, or 1.5 m, or is past already
     for ahead_m, moves in ((7.4, False), (6.0, False), (-5.1, True)):
-        world = placed(
-            LANE, np.array([30.0]), np.array([[ahead_m]]), np.array([[2]]), np.array([[5.0]])
-        )
+        world = beside((ahead_m, 2), other_m_s=5.0)
         world.y_m[:, 1] = 7.2
-        sides = [
-            places_m[0, 1] for _, places_m in Mover(config).steps(world, right.proposal, right)
-        ]
-        assert bool(sides[0] < 7.2) is moves
-        assert sides[1] < 7.2
+        steps = Mover(config).steps(world, right.proposal, right)
+        first_m, second_m = (places_m[0, 1] for _, places_m in steps)
+        assert bool(first_m < 7.2) is moves
+        assert second_m < 7.2
         assert not world.collisions

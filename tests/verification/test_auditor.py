@@ -47,13 +47,21 @@ def moved(
     *others: tuple[Car, Car], ego_m_s: tuple[float, float] = (20.0, 20.0), y_m: float = CENTER
 ) -> list[Breach]:
     """What the auditor says of vehicles before and after a SUMO step; both relative to the ego."""
-    auditor = Auditor(CONFIG, ROAD)
-    for time_s, speed_m_s, cars in zip(
-        (0.0, STEP_S), ego_m_s, zip(*others, strict=True), strict=True
-    ):
-        shot = snapshot(*cars, speed_m_s=speed_m_s, y_m=y_m)
-        auditor.watch(shot._replace(time_s=time_s))
-    return auditor.breaches
+    moments = zip(ego_m_s, zip(*others, strict=True), strict=True)
+    return told(*(snapshot(*cars, speed_m_s=v, y_m=y_m) for v, cars in moments)).breaches
+
+
+def told(*shots: Snapshot, config: Config = CONFIG, road: Road = ROAD) -> Auditor:
+    """An auditor that has watched these snapshots, half a second apart."""
+    auditor = Auditor(config, road)
+    for step, shot in enumerate(shots):
+        auditor.watch(shot._replace(time_s=step * STEP_S))
+    return auditor
+
+
+def moves_in(car: Car) -> tuple[Car, Car]:
+    """A vehicle before and after the step in which it begins to move to the right."""
+    return car, car._replace(y_m=car.y_m - 0.38, lateral_speed_m_s=-0.76)
 
 
 def names(breaches: list[Breach]) -> list[str]:
@@ -103,21 +111,18 @@ def test_the_ego_is_bound_by_nothing_here() -> None:
     ],
 )
 def test_who_begins_to_cut_in_leaves_the_ego_room_to_stop(gap: float, bound: list[str]) -> None:
-    starts = (ahead(gap, LEFT, 10.0), ahead(gap, LEFT - 0.38, 10.0, -0.76))
-    assert names(moved(starts)) == bound
+    assert names(moved(moves_in(ahead(gap, LEFT, 10.0)))) == bound
 
 
 def test_a_cut_in_before_an_ego_that_accelerates_needs_more_room() -> None:
     # from 19 to 20 m/s in this step, so 21 and 22 m/s in the next: 10.5 + 11 + 55 - 10 + 0.5
     for gap, bound in ((67.01, []), (66.99, [CUT_IN])):
-        starts = (ahead(gap, LEFT, 10.0), ahead(gap, LEFT - 0.38, 10.0, -0.76))
-        assert names(moved(starts, ego_m_s=(19.0, 20.0))) == bound
+        assert names(moved(moves_in(ahead(gap, LEFT, 10.0)), ego_m_s=(19.0, 20.0))) == bound
 
 
 @pytest.mark.parametrize("offset_m", [-4.9, 0.0, 4.9])
 def test_a_vehicle_that_begins_to_move_in_beside_the_ego_is_reported(offset_m: float) -> None:
-    starts = (Car(offset_m, LEFT), Car(offset_m, LEFT - 0.38, 20.0, -0.76))
-    assert names(moved(starts)) == [BESIDE]
+    assert names(moved(moves_in(Car(offset_m, LEFT)))) == [BESIDE]
 
 
 @pytest.mark.parametrize(
@@ -134,7 +139,7 @@ def test_a_vehicle_that_begins_to_move_in_beside_the_ego_is_reported(offset_m: f
         # it wavers about the centre of its lane
         (Car(0.0, LEFT), Car(0.0, LEFT - 0.04, 20.0, -0.08)),
         # it moves in behind
-        (behind(10.0, LEFT), behind(10.0, LEFT - 0.38, v_y=-0.76)),
+        moves_in(behind(10.0, LEFT)),
     ],
 )
 def test_other_moves_sideways_are_no_cut_in(before: Car, after: Car) -> None:
@@ -153,45 +158,46 @@ def test_who_creeps_stands_still_until_it_is_faster_or_over_the_line() -> None:
 
 def test_who_is_ahead_in_a_lane_of_the_ego_s_may_move_into_the_other() -> None:
     # the ego's left side is at 6.22 m, over the line at 5.7 m
-    starts = (ahead(20.0, LEFT, 10.0), ahead(20.0, LEFT - 0.38, 10.0, -0.76))
+    starts = moves_in(ahead(20.0, LEFT, 10.0))
     assert moved(starts, y_m=5.32) == []
     assert names(moved(starts)) == [CUT_IN]
 
 
-def test_a_breach_says_whether_the_ego_brakes_and_whether_the_bound_was_kept_a_step_sooner() -> (
-    None
-):
-    starts = (ahead(66.0, LEFT, 10.0), ahead(66.0, LEFT - 0.38, 10.0, -0.76))
-    assert [b.circumstance for b in moved(starts, ego_m_s=(19.0, 20.0))] == [SOONER]
-    starts = (ahead(40.0, LEFT, 10.0), ahead(40.0, LEFT - 0.38, 10.0, -0.76))
-    assert [b.circumstance for b in moved(starts)] == [""]
-    resumes = (Car(0.0, LEFT - 0.8), Car(0.0, LEFT - 1.18, 20.0, -0.76))
-    assert [b.circumstance for b in moved(resumes)] == [BETWEEN]
-    starts = (Car(0.0, LEFT), Car(0.0, LEFT - 0.38, 20.0, -0.76))
-    assert [b.circumstance for b in moved(starts)] == [""]
-    # its right side, 0.9 m from its middle, is over the line at 5.7 m
-    for y_m, circumstance in ((6.22, LEAVES), (5.84, "")):
-        leaving = behind(26.0, 6.03, 30.0, 0.76), behind(21.0, y_m, 30.0, 0.76)
-        assert [b.circumstance for b in moved(leaving)] == [circumstance]
-    late = (behind(26.0, speed_m_s=30.0), behind(21.0, speed_m_s=30.0))
-    assert [b.circumstance for b in moved(late)] == [""]
-    assert [b.circumstance for b in moved(late, ego_m_s=(22.0, 20.0))] == [BRAKES]
+LATE = behind(26.0, speed_m_s=30.0), behind(21.0, speed_m_s=30.0)
+"""It has to hit the ego, and does not brake."""
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "ego_m_s", "circumstance"),
+    [
+        (moves_in(ahead(66.0, LEFT, 10.0)), 19.0, SOONER),
+        (moves_in(ahead(40.0, LEFT, 10.0)), 20.0, ""),
+        (moves_in(Car(0.0, LEFT - 0.8)), 20.0, BETWEEN),
+        (moves_in(Car(0.0, LEFT)), 20.0, ""),
+        # its right side, 0.9 m from its middle, is over the line at 5.7 m
+        ((behind(26.0, 6.03, 30.0, 0.76), behind(21.0, 6.22, 30.0, 0.76)), 20.0, LEAVES),
+        ((behind(26.0, 6.03, 30.0, 0.76), behind(21.0, 5.84, 30.0, 0.76)), 20.0, ""),
+        (LATE, 20.0, ""),
+        (LATE, 22.0, BRAKES),
+    ],
+)
+def test_a_breach_says_whether_the_ego_brakes_and_whether_the_bound_was_kept_a_step_sooner(
+    vehicle: tuple[Car, Car], ego_m_s: float, circumstance: str
+) -> None:
+    [breach] = moved(vehicle, ego_m_s=(ego_m_s, 20.0))
+    assert breach.circumstance == circumstance
 
 
 def test_one_behind_in_a_lane_that_the_ego_leaves_in_that_step_is_free() -> None:
     # the ego's left side, 0.9 m from its middle, is over the line at 5.7 m, and then is not
-    auditor = Auditor(CONFIG, ROAD)
     for ends, bound in (((5.7, 5.32), [BEHIND]), ((4.94, 4.56), [])):
-        auditor.start()
-        for time_s, y_m in zip((0.0, STEP_S), ends, strict=True):
-            shot = snapshot(behind(20.0, LEFT, 30.0), y_m=y_m)
-            auditor.watch(shot._replace(time_s=time_s))
-        assert names(auditor.breaches) == bound
+        shots = (snapshot(behind(20.0, LEFT, 30.0), y_m=y_m) for y_m in ends)
+        assert names(told(*shots).breaches) == bound
 
 
 def test_a_cut_in_ahead_of_another_vehicle_is_no_cut_in_ahead_of_the_ego() -> None:
     between = (ahead(10.0), ahead(10.0))
-    starts = (ahead(20.0, LEFT, 10.0), ahead(20.0, LEFT - 0.38, 10.0, -0.76))
+    starts = moves_in(ahead(20.0, LEFT, 10.0))
     assert names(moved(starts)) == [CUT_IN]
     assert moved(between, starts) == []
 
@@ -199,11 +205,9 @@ def test_a_cut_in_ahead_of_another_vehicle_is_no_cut_in_ahead_of_the_ego() -> No
 def test_a_cut_in_is_seen_the_long_way_round_a_small_loop() -> None:
     # 45 m behind is, on a loop of 100 m, 55 m ahead: 50 m of gap where 55.5 m are needed
     small = Road(100.0, 3.8, (True, True, True))
-    auditor = Auditor(CONFIG, small)
-    for time_s, y_m in ((0.0, LEFT), (STEP_S, LEFT - 0.38)):
-        shot = snapshot(Car(-45.0, y_m, 10.0, -0.76), s_m=70.0, road=small)
-        auditor.watch(shot._replace(time_s=time_s))
-    assert names(auditor.breaches) == [CUT_IN]
+    starts = moves_in(Car(-45.0, LEFT, 10.0))
+    shots = (snapshot(car, s_m=70.0, road=small) for car in starts)
+    assert names(told(*shots, road=small).breaches) == [CUT_IN]
 
 
 @pytest.mark.parametrize(
@@ -219,40 +223,32 @@ def test_a_vehicle_that_passes_a_lane_s_centre_without_stopping_begins_a_new_mov
     first_m: float, breaches: list[list[str]], circumstance: str
 ) -> None:
     # through the middle lane, 30 m ahead of the ego in the left one
-    auditor, found = Auditor(CONFIG, ROAD), []
-    for step in range(4):
-        y_m = first_m + 0.38 * step
-        shot = snapshot(ahead(30.0, y_m, 10.0, 0.76), y_m=LEFT)
-        auditor.watch(shot._replace(time_s=step * STEP_S))
-        found.append(names(auditor.breaches))
-    assert found == breaches
-    assert auditor.breaches[0].circumstance == circumstance
+    places_m = (first_m + 0.38 * step for step in range(4))
+    shots = [snapshot(ahead(30.0, y_m, 10.0, 0.76), y_m=LEFT) for y_m in places_m]
+    found = [told(*shots[:number]).breaches for number in range(1, 5)]
+    assert [names(each) for each in found] == breaches
+    assert found[-1][0].circumstance == circumstance
 
 
 def test_who_moves_in_behind_the_ego_has_to_be_able_to_stop_there() -> None:
     # at 30 m/s it rolls 105 m, the ego at 20 m/s 45 m
     for gap, bound in ((60.01, []), (59.99, [TOO_FAST])):
-        starts = (behind(gap, LEFT, 30.0), behind(gap, LEFT - 0.38, 30.0, -0.76))
-        assert names(moved(starts)) == bound
+        assert names(moved(moves_in(behind(gap, LEFT, 30.0)))) == bound
     between = (behind(10.0), behind(10.0))
-    starts = (behind(50.0, LEFT, 30.0), behind(50.0, LEFT - 0.38, 30.0, -0.76))
-    assert moved(between, starts) == []
+    assert moved(between, moves_in(behind(50.0, LEFT, 30.0))) == []
 
 
 def test_a_lane_that_the_ego_leaves_in_that_very_step_is_open_to_others() -> None:
     # the ego's left side, 0.9 m from its middle, is over the line at 5.7 m, and then is not
-    auditor = Auditor(CONFIG, ROAD)
-    for ends, bound in (((5.32, 4.94), [BESIDE]), ((4.94, 4.56), [])):
-        auditor.start()
-        for time_s, y_m, other_m in zip((0.0, STEP_S), ends, (11.4, 11.02), strict=True):
-            auditor.watch(snapshot(Car(0.0, other_m), y_m=y_m)._replace(time_s=time_s))
+    for before_m, after_m, bound in ((5.32, 4.94, [BESIDE]), (4.94, 4.56, [])):
+        before, after = Car(0.0, 11.4), Car(0.0, 11.02)
+        auditor = told(snapshot(before, y_m=before_m), snapshot(after, y_m=after_m))
         assert names(auditor.breaches) == bound
 
 
 def test_a_follower_that_has_to_hit_the_ego_and_does_not_brake_is_reported() -> None:
     # 21 m behind at 30 m/s, which rolls 105 m; the ego at 20 m/s rolls 45 m
-    late = (behind(26.0, speed_m_s=30.0), behind(21.0, speed_m_s=30.0))
-    assert names(moved(late)) == [BEHIND]
+    assert names(moved(LATE)) == [BEHIND]
     brakes = (behind(26.0, speed_m_s=32.0), behind(21.0, speed_m_s=30.0))
     assert moved(brakes) == []
     # from 60 m on it may still come to rest behind the ego
@@ -264,21 +260,15 @@ def test_a_follower_that_has_to_hit_the_ego_and_does_not_brake_is_reported() -> 
 
 def test_one_behind_in_a_lane_that_the_ego_has_just_entered_may_take_half_a_second() -> None:
     # at 4.56 m the left side is at 5.46 m; at 5.32 m it is over the line, at 5.7 m
-    auditor = Auditor(CONFIG, ROAD)
-    breaches = []
-    for step, y_m in enumerate((4.56, 4.94, 5.32, 5.7)):
-        auditor.watch(
-            snapshot(behind(20.0, LEFT, 30.0), y_m=y_m, v_y=0.76)._replace(time_s=step * STEP_S)
-        )
-        breaches.append(names(auditor.breaches))
-    assert breaches == [[], [], [], [BEHIND]]
+    places_m = (4.56, 4.94, 5.32, 5.7)
+    shots = [snapshot(behind(20.0, LEFT, 30.0), y_m=y_m, v_y=0.76) for y_m in places_m]
+    assert told(*shots[:3]).breaches == []
+    assert names(told(*shots).breaches) == [BEHIND]
 
 
 def test_an_explanation_counts_what_that_vehicle_did_since_then_and_a_start_forgets() -> None:
-    auditor = Auditor(CONFIG, ROAD)
-    for time_s, speed_m_s in ((0.0, 20.0), (0.5, 15.0), (1.0, 15.0), (1.5, 20.0)):
-        shot = snapshot(ahead(50.0), ahead(100.0, speed_m_s=speed_m_s))
-        auditor.watch(shot._replace(time_s=time_s))
+    speeds_m_s = (20.0, 15.0, 15.0, 20.0)
+    auditor = told(*(snapshot(ahead(50.0), ahead(100.0, speed_m_s=v)) for v in speeds_m_s))
     assert auditor.explain("vehicle2", 0.0) == f"{ACCELERATED}; {BRAKED}"
     assert auditor.explain("vehicle2", 1.0) == ACCELERATED
     assert auditor.explain("vehicle1", 0.0) == ""
@@ -327,28 +317,21 @@ def test_no_mix_of_drivers_brakes_accelerates_or_moves_sideways_beyond_the_bound
 def test_late_braking_is_named_where_vehicles_ahead_may_brake_harder() -> None:
     # 112 m to stop from 30 m/s with 4 m/s^2, and the ego 12 m from 10 m/s; with 9 m/s^2 50 m
     for braking_m_s2 in (4.0, 9.0):
-        auditor = Auditor(CONFIG.updated("strict", braking_m_s2=braking_m_s2), ROAD)
-        for step, gap_m in enumerate((75.0, 68.0, 61.0, 54.0)):
-            shot = snapshot(behind(gap_m, speed_m_s=30.0), speed_m_s=10.0)
-            auditor.watch(shot._replace(time_s=step * STEP_S))
-        assert BEHIND in names(auditor.breaches)
+        config, gaps_m = CONFIG.updated("strict", braking_m_s2=braking_m_s2), (75, 68, 61, 54)
+        shots = (snapshot(behind(gap_m, speed_m_s=30.0), speed_m_s=10.0) for gap_m in gaps_m)
+        assert BEHIND in names(told(*shots, config=config).breaches)
 
 
 def test_vehicles_that_enter_and_leave_an_open_road_confuse_no_one() -> None:
-    auditor = Auditor(CONFIG, ROAD)
     fast, slow = ahead(60.0, LEFT, 30.0), ahead(90.0, speed_m_s=5.0)
     before = snapshot(fast, slow)._replace(ids=("ego", "fast", "slow"))
     # "fast" has left; in its row is now "slow", and behind that one "new" has entered
-    after = snapshot(slow, behind(90.0, LEFT, 12.0))._replace(
-        ids=("ego", "slow", "new"), time_s=STEP_S
-    )
-    auditor.watch(before)
-    auditor.watch(after)
-    assert auditor.breaches == []
+    after = snapshot(slow, behind(90.0, LEFT, 12.0))._replace(ids=("ego", "slow", "new"))
+    assert told(before, after).breaches == []
     # and it still sees what the one does that is in both
     braked = snapshot(ahead(90.0, speed_m_s=1.0), behind(90.0, LEFT, 12.0))
-    auditor.watch(braked._replace(ids=("ego", "slow", "new"), time_s=2 * STEP_S))
-    assert auditor.breaches == [Breach(1.0, "slow", BRAKED)]
+    shots = before, after, braked._replace(ids=after.ids)
+    assert told(*shots).breaches == [Breach(1.0, "slow", BRAKED)]
 
 
 def test_the_traffic_of_a_ramp_keeps_the_bounds(tmp_path: Path) -> None:
