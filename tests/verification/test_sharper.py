@@ -28,16 +28,10 @@ def test_it_permits_what_strict_refuses_for_its_clearance_and_not_what_ends_in_a
 ):
     # at 20 m/s: 10.5 + 11 m in the decision, 55 m of braking; the lead stands
     strict, optimist = BatchStrict(CONFIG), Optimist(CONFIG, 3, 0)
-    for gap_m, by_strict, by_optimist in (
-        (77.1, True, True),
-        (76.7, False, True),
-        (75, False, False),
-    ):
-        verdicts = [
-            executed(each, behind(gap_m, 20.0, 0.0), ACCELERATE) for each in (strict, optimist)
-        ]
-        assert [number == ACCELERATE for number in verdicts] == [by_strict, by_optimist]
-        assert executed(nothing, behind(gap_m, 20.0, 0.0), ACCELERATE) == ACCELERATE
+    for gap_m, permitted in ((77.1, [True, True]), (76.7, [False, True]), (75, [False, False])):
+        world = behind(gap_m, 20.0, 0.0)
+        numbers = [executed(each, world, ACCELERATE) for each in (strict, optimist, nothing)]
+        assert [number == ACCELERATE for number in numbers] == [*permitted, True]
 
 
 def test_off_the_road_and_after_a_collision_it_is_strict() -> None:
@@ -51,9 +45,8 @@ def test_off_the_road_and_after_a_collision_it_is_strict() -> None:
 
 def test_the_gain_is_paired_by_test_and_leaves_out_tests_that_ended_early() -> None:
     km, zero = np.array([0.84, 0.85, 0.10]), np.zeros(3)
-    found = row(
-        "real", "x", Outcome(zero + 1, np.array([0, 0, 1.0]), zero, km, zero), np.full(3, 0.8)
-    )
+    outcome = Outcome(zero + 1, np.array([0, 0, 1.0]), zero, km, zero)
+    found = row("real", "x", outcome, np.full(3, 0.8))
     # +5 % and +6.25 %: mean 5.625, t(0.975, 1) = 12.706 times 0.625
     assert found["gain_percent"] == "5.62 ± 7.94"
     assert found["mean_speed_m_s"] == f"{1000 * 0.845 / SECONDS:.2f}"

@@ -4,10 +4,10 @@ import csv
 import sys
 from contextlib import closing
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from decisions import decided
 
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.highway import HighwayEnv
@@ -20,21 +20,11 @@ from verification.shielding_report import COLUMNS, over_seeds, section, table
 ACCELERATE, HARD_BRAKE = 1, 3
 
 
-def outcome(proposed: int, executed: int, reward: float) -> SimpleNamespace:
-    ego = SimpleNamespace(affordances=SimpleNamespace(ego_speed_m_s=20.0))
-    return SimpleNamespace(
-        proposed=ACTIONS[proposed],
-        executed=ACTIONS[executed],
-        collision=None,
-        next_scene=ego,
-        reward=reward,
-    )
-
-
 def test_a_refused_action_costs_the_agent_the_penalty_but_not_the_record() -> None:
     reward = PenalizedReward(0.5)
-    assert reward(outcome(ACCELERATE, HARD_BRAKE, -0.1)) == pytest.approx(-0.6)
-    assert reward(outcome(ACCELERATE, ACCELERATE, -0.2)) == pytest.approx(-0.2)
+    refused = decided(executed=HARD_BRAKE, proposed=ACCELERATE, reward=-0.1)
+    assert reward(refused) == pytest.approx(-0.6)
+    assert reward(decided(executed=ACCELERATE, reward=-0.2)) == pytest.approx(-0.2)
     assert reward.decided == [Decided(-0.1, 20.0, True, False), Decided(-0.2, 20.0, False, False)]
 
 
