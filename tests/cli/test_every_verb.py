@@ -13,8 +13,8 @@ from drl_av.cli import VERBS, main
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.learning.algorithm_1 import EpisodeRow, Training
 
-DRIVE = ("--driver", "idm", "--vehicles", "2", "--config", "short.toml")
-SHORT = ("--config", "short.toml")
+SHORT = ("-o", "simulation.decisions_per_episode=2")
+DRIVE = ("--driver", "idm", "--vehicles", "2", *SHORT)
 WRITING = {
     "train": ("run", ("--out", "run", "--episodes", "1", *SHORT)),
     "adapt": ("run", ("--out", "run", "--episodes", "1", *SHORT)),
@@ -47,7 +47,6 @@ def test_sigterm_ends_each_verb_as_ctrl_c_does(
 
 @pytest.mark.parametrize("what", WRITING)
 def test_each_verb_removes_what_a_killed_one_left(what: str, here: Path) -> None:
-    Path("short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
     Path("road.toml").write_text("circumference_m = 400\n")
     name, words = WRITING[what]
     written = Path(name)
@@ -62,9 +61,6 @@ def test_each_verb_removes_what_a_killed_one_left(what: str, here: Path) -> None
 def test_a_resumed_training_removes_what_a_killed_one_left_in_its_folder(
     verb: str, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Path("short.toml").write_text(
-        "[simulation]\ndecisions_per_episode = 2\n[learning]\ncheckpoint_every = 1\n"
-    )
     with monkeypatch.context() as interrupted:
         episodes = iter([Training.run_episode])
 
@@ -74,7 +70,8 @@ def test_a_resumed_training_removes_what_a_killed_one_left_in_its_folder(
             raise KeyboardInterrupt
 
         interrupted.setattr(Training, "run_episode", run_episode)
-        assert main([verb, "--out", "run", "--episodes", "2", *SHORT]) == 130
+        often = ("-o", "learning.checkpoint_every=1")
+        assert main([verb, "--out", "run", "--episodes", "2", *SHORT, *often]) == 130
     for name in ("checkpoint.safetensors", "policy.safetensors"):
         leave_unfinished(Path("run", name))
     assert main([verb, "--out", "run", "--resume"]) == 0

@@ -1,6 +1,7 @@
 """How a program ends."""
 
 import sys
+from functools import partial
 
 import pytest
 
@@ -23,10 +24,9 @@ def compile_it(fails: bool) -> int:
 
 def test_an_interrupt_that_a_library_swallows_is_one(capsys: pytest.CaptureFixture[str]) -> None:
     hook = sys.unraisablehook
-    assert exit_status("drl-av", lambda: compile_it(fails=True)) == 130
-    assert capsys.readouterr().err == "drl-av: interrupted.\n"
-    assert exit_status("drl-av", lambda: compile_it(fails=False)) == 130
-    assert capsys.readouterr().err == "drl-av: interrupted.\n"
+    for fails in (True, False):
+        assert exit_status("drl-av", partial(compile_it, fails)) == 130
+        assert capsys.readouterr().err == "drl-av: interrupted.\n"
     assert sys.unraisablehook is hook
 
 

@@ -28,6 +28,8 @@ from drl_av.evaluation.statistics import gains_over_fastest
 from drl_av.evaluation.table import require_values, results_of
 from drl_av.files import read_table, write_table
 
+SHORT = ["-o", "simulation.decisions_per_episode=4"]
+
 
 def write_rows(path: Path, *rows: EpisodeResult) -> None:
     write_table(path, EpisodeResult, rows)
@@ -52,9 +54,8 @@ def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
 def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["evaluate", "idm", "gap-mobil", "pretrained", "--vehicles", "3", "5", "--out"]
-    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 4\n")
-    assert main([*words, "rows.csv", "--episodes", "2", "--config", "short.toml"]) == 0
+    words = ["evaluate", "idm", "gap-mobil", "pretrained", "--vehicles", "3", "5", "--episodes"]
+    assert main([*words, "2", *SHORT, "--out", "rows.csv"]) == 0
     rows = read_table(here / "rows.csv")
     for row in rows:  # 20 m/s in the first traffic, 30 in the second; the rule idm is slower by 3
         first = row["seed"] == rows[0]["seed"]
@@ -63,10 +64,8 @@ def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
     write_table(here / "set.csv", rows[0], rows)
     assert main(["figures", "set.csv", "--out", "drawn"]) == 0
     assert (here / "drawn" / "gain.png").is_file()
-    gains = gains_over_fastest(
-        results_of(read_table(here / "set.csv"), EpisodeResult),
-        ["idm", "gap-mobil"],
-    )
+    results = results_of(read_table(here / "set.csv"), EpisodeResult)
+    gains = gains_over_fastest(results, ["idm", "gap-mobil"])
     [axes] = gain_figure(gains).axes
     [curve] = axes.containers
     assert curve.get_label() == "pretrained"
@@ -79,10 +78,8 @@ def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
     write_table(here / "apart.csv", rows[0], [r for r in rows if r is not rows[0]])
     assert main(["figures", "apart.csv", "--out", "apart"]) == 0
     assert "not drawn: " in capsys.readouterr().out
-    assert sorted(path.name for path in (here / "apart").iterdir()) == [
-        "mean_speed.png",
-        "speed_profile.png",
-    ]
+    drawn = {path.name for path in (here / "apart").iterdir()}
+    assert drawn == {"mean_speed.png", "speed_profile.png"}
 
 
 @pytest.mark.parametrize(
@@ -96,8 +93,7 @@ def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
 def test_tables_of_different_traffic_are_not_drawn_together(
     other: list[str], words: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
-    given = ["--config", "short.toml", "--vehicles", "3", "--episodes", "1", "--out"]
+    given = [*SHORT, "--vehicles", "3", "--episodes", "1", "--out"]
     assert main(["evaluate", "idm", "--traffic", "calm", *given, "a.csv"]) == 0
     calm = ["--traffic", "calm"] if "--traffic" not in other else []
     assert main(["evaluate", "random", *calm, *other, *given, "b.csv"]) == 0
@@ -122,12 +118,6 @@ def test_the_profile_falls_at_each_speed_of_the_driver() -> None:
     assert idm.get_drawstyle() == "steps-post"
 
 
-def test_learning_figure_follows_the_evaluations_of_a_run(tmp_path: Path) -> None:
-    (tmp_path / "evaluations.csv").write_text("episode,mean_reward\n100,-0.4\n200,-0.1\n")
-    [axes] = learning_figure([tmp_path]).axes
-    assert axes.lines[0].get_ydata().tolist() == [-0.4, -0.1]
-
-
 def test_the_learning_curve_of_ppo_is_the_mean_of_its_last_20_updates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -144,10 +134,8 @@ def test_the_learning_curve_of_ppo_is_the_mean_of_its_last_20_updates(
     drawn = curve.get_ydata()
     assert curve.get_xdata()[[0, 39]].tolist() == [1.0, 40.0]
     assert drawn[[0, 19, 29, 39]] == pytest.approx([-1, -1, -0.75, -0.5])
-    assert (axes.get_xlabel(), learning_figure([paper]).axes[0].get_xlabel()) == (
-        "million decisions",
-        "training episode",
-    )
+    assert axes.get_xlabel() == "million decisions"
+    assert learning_figure([paper]).axes[0].get_xlabel() == "training episode"
     assert main(["figures", str(large), "--out", str(tmp_path)]) == 0
     assert (tmp_path / "learning.png").stat().st_size > 0
     assert main(["figures", str(paper), str(large), "--out", str(tmp_path / "out")]) == 1
@@ -163,9 +151,10 @@ def test_the_training_reward_is_drawn_behind_as_a_mean_of_the_last_20_episodes(
     rows = (f"{episode},{reward}\n" for episode, reward in enumerate(rewards, 1))
     (tmp_path / "episodes.csv").write_text("episode,mean_reward\n" + "".join(rows))
     evaluated, training = learning_figure([tmp_path]).axes[0].lines
+    assert evaluated.get_ydata().tolist() == [-0.4, -0.1]
     assert training.get_xdata().tolist() == list(range(1, 41))
     drawn = training.get_ydata()
-    assert [drawn[place] for place in (0, 19, 29, 39)] == pytest.approx([-1, -1, -0.75, -0.5])
+    assert drawn[[0, 19, 29, 39]] == pytest.approx([-1, -1, -0.75, -0.5])
     assert training.get_zorder() < evaluated.get_zorder()
     assert training.get_color() == evaluated.get_color()
 
@@ -206,25 +195,30 @@ def test_one_driver_under_two_checks_is_not_one_curve(
         write_rows(tmp_path / check, episode("idm", seed, 20.0, safety_check=check))
     tables = [str(tmp_path / name) for name in ("paper", "strict")]
     assert main(["figures", *tables, "--out", str(tmp_path)]) == 1
-    said = error_message(capsys)
-    assert "rows of idm under the checks paper and strict" in said
+    assert "rows of idm under the checks paper and strict" in error_message(capsys)
 
 
-def test_a_table_of_another_kind_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("given", "file", "text", "sentence"),
+    [
+        (
+            "table.csv",
+            "table.csv",
+            "traffic,driver,vehicles,mean_speed_m_s\ncalm,idm,5,20\n",
+            "has no column 'safety_check': name a table of another kind",
+        ),
+        (".", "evaluations.csv", "episode,mean_reward\n", "has no evaluation yet: train it for"),
+        (".", "updates.csv", "decisions,mean_reward,collisions\n", "has no update yet: train it"),
+        (".", "notes.txt", "", "not a run, it has neither evaluations.csv nor updates.csv: name"),
+    ],
+)
+def test_a_run_or_a_table_without_anything_to_draw_is_refused(
+    given: str, file: str, text: str, sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    table = tmp_path / "table.csv"
-    table.write_text("traffic,driver,vehicles,mean_speed_m_s\ncalm,idm,5,20\n")
-    assert main(["figures", str(table), "--out", str(tmp_path / "out")]) == 1
-    assert "has no column 'safety_check': name a table of another kind" in error_message(capsys)
-
-
-def test_a_run_without_an_evaluation_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "evaluations.csv").write_text("episode,mean_reward\n")
-    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    assert "has no evaluation yet: train it for longer" in error_message(capsys)
+    (here / file).write_text(text)
+    assert main(["figures", given, "--out", "out"]) == 1
+    assert sentence in error_message(capsys)
+    assert not (here / "out").exists()
 
 
 @pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "1e308", "9" * 400])
@@ -243,7 +237,7 @@ def test_a_number_that_cannot_be_drawn_is_one_sentence(
 
 def test_a_time_to_collision_of_the_results_may_be_infinite_and_no_other_number() -> None:
     fits = {"min_ttc_s": "inf", "mean_speed_m_s": "1e9", "ego_hit": "True", "mine": "nothing"}
-    require_values([fits])
+    require_values([fits, fits | {"min_headway_s": "inf"}])
     for column, cell in (("mean_speed_m_s", "inf"), ("min_ttc_s", "nan"), ("ego_hit", "no")):
         with pytest.raises(ValueError, match=f"line 3: {column} is {cell}"):
             require_values([fits, fits | {column: cell}])
@@ -288,20 +282,6 @@ def test_a_curve_under_strict_is_dashed_in_the_colour_of_its_driver() -> None:
     assert styles == ["-", "--", "-"]
 
 
-def test_a_folder_that_is_no_run_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    assert (
-        "is not a run, it has neither evaluations.csv nor updates.csv: name the folder"
-        in error_message(capsys)
-    )
-    (tmp_path / "updates.csv").write_text("decisions,mean_reward,collisions\n")
-    assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
-    assert "has no update yet: train it for longer" in error_message(capsys)
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_driver_has_one_colour_and_no_interval_reaches_below_a_standstill() -> None:
     rows = [
         episode(driver, seed, speed)
@@ -313,11 +293,7 @@ def test_a_driver_has_one_colour_and_no_interval_reaches_below_a_standstill() ->
         for draw in (speed_figure, profile_figure):
             axes = draw(some).axes[0]
             names = [text.get_text() for text in axes.get_legend().get_texts()]
-            lines = [
-                line
-                for line in axes.lines
-                if len(line.get_xdata()) == 1 or draw is not speed_figure
-            ]
+            lines = axes.lines
             if draw is speed_figure:
                 lines = [bar.lines[0] for bar in axes.containers]
                 ends = [bar.lines[2][0].get_segments()[0][:, 1] for bar in axes.containers]
@@ -358,8 +334,7 @@ def test_a_kind_of_file_that_is_not_drawn_is_refused_and_makes_no_folder(
 
 
 def test_a_figure_of_runs_says_their_check(here: Path) -> None:
-    (here / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
-    words = ["train", "--out", "run", "--episodes", "1", "--config", "short.toml"]
+    words = ["train", "--out", "run", "--episodes", "1", *SHORT]
     assert main([*words, "--safety-check", "permit_all"]) == 0
     assert main(["figures", "run", "--out", "learning.svg"]) == 0
     assert "safety check: permit_all" in Path("learning.svg").read_text()

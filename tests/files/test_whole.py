@@ -78,11 +78,7 @@ def test_the_file_is_on_the_disk_before_it_has_its_name_and_its_name_afterwards(
 ) -> None:
     tape = disk_tape(monkeypatch)
     write_atomic(tmp_path / "rows.csv", b"x")
-    assert tape == [
-        "fsync rows.csv",
-        "rename rows.csv to rows.csv",
-        f"fsync {tmp_path.name}",
-    ]
+    assert tape == ["fsync rows.csv", "rename rows.csv to rows.csv", f"fsync {tmp_path.name}"]
 
 
 def test_a_folder_appears_with_all_its_files(tmp_path: Path) -> None:
