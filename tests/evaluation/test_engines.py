@@ -83,17 +83,9 @@ list(on_this_machine(endless, [{str(tmp_path)!r}], 1))
 def _await_end(pids: Iterable[int]) -> None:
     deadline = time.monotonic() + 30
     for pid in pids:
-        while _alive(pid):
+        while Path(f"/proc/{pid}").exists():
             assert time.monotonic() < deadline
             time.sleep(0.05)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def test_missing_ray_is_reported_before_anything_is_driven(
@@ -145,8 +137,8 @@ except SimulationError as error:
 
 
 def test_make_setup_installs_ray_which_the_extra_dev_leaves_out() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = extras["optional-dependencies"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
     assert not [each for each in extras["dev"] if each.startswith("ray")]
     assert [each for each in extras["ray"] if each.startswith("ray")]
     assert "-e '.[dev,ray]'" in (ROOT / "Makefile").read_text()

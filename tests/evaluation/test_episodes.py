@@ -9,8 +9,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import closing
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -28,7 +27,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, RunError
 from drl_av.evaluation import episodes as module
-from drl_av.evaluation.episodes import EpisodeJob, Evaluation, drive_episodes
+from drl_av.evaluation.episodes import Evaluation, drive_episodes
 from drl_av.evaluation.statistics import (
     Mean,
     mean_with_interval,
@@ -38,13 +37,7 @@ from drl_av.evaluation.statistics import (
 )
 from drl_av.simulation.simulation import Simulation
 
-KEEP, LEFT = 0, 8
-
-
-@pytest.fixture
-def env() -> Iterator[HighwayEnv]:
-    with closing(HighwayEnv(config=SHORT)) as env:
-        yield env
+TINY = ["-o", "simulation.decisions_per_episode=10"]
 
 
 def test_rows_come_by_vehicles_then_seed_then_driver() -> None:
@@ -103,19 +96,15 @@ def test_what_a_worker_process_raises_is_raised(tmp_path: Path) -> None:
 def test_a_worker_that_is_killed_is_replaced_and_no_row_is_lost_or_doubled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def killing(
-        episodes: Sequence[EpisodeJob], processes: int, engine: str
-    ) -> Iterator[EpisodeResult]:
-        for done, row in enumerate(drive_episodes(episodes, processes, engine), 1):
+    def killing(*given: Any) -> Iterator[EpisodeResult]:
+        for done, row in enumerate(drive_episodes(*given), 1):
             yield row
             if done == 2:
                 for worker in multiprocessing.active_children():
                     os.kill(int(worker.pid or 0), signal.SIGABRT)
 
     monkeypatch.setattr(module, "drive_episodes", killing)
-    (tmp_path / "tiny.toml").write_text(SHORT.to_toml())
-    words = ["evaluate", "idm", "--vehicles", "30", "--episodes", "40"]
-    words += ["--config", str(tmp_path / "tiny.toml"), "--out"]
+    words = ["evaluate", "idm", "--vehicles", "30", "--episodes", "40", *TINY, "--out"]
     assert cli.main([*words, str(tmp_path / "killed.csv"), "--jobs", "2"]) == 0
     monkeypatch.undo()
     assert cli.main([*words, str(tmp_path / "whole.csv")]) == 0
@@ -142,10 +131,9 @@ sys.exit(cli.main(sys.argv[1:]))
 
 
 def test_rows_of_before_sumo_took_the_only_process_along_are_kept(tmp_path: Path) -> None:
-    out, tiny = tmp_path / "rows.csv", tmp_path / "tiny.toml"
-    tiny.write_text(SHORT.to_toml())
-    words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "9", "--config", str(tiny)]
-    command = [sys.executable, "-c", ABORTED, *words, "--out", str(out)]
+    out = tmp_path / "rows.csv"
+    words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "9", *TINY, "--out", str(out)]
+    command = [sys.executable, "-c", ABORTED, *words]
     ended = subprocess.run(command, capture_output=True, check=False, timeout=1200)
     assert ended.returncode == -signal.SIGABRT
     assert len(out.read_text().splitlines()) == 1 + 3
@@ -200,8 +188,8 @@ def test_processes_do_not_share_a_file_that_sumo_writes(
         assert "several processes would write one file" in capsys.readouterr().err
     assert not file.exists()
     assert not runs.exists()
-    shared = ["--jobs", "2", f"--sumo-options=--additional-files={reading}", "-o"]
-    assert cli.main([*commands[0].split(), *shared, "simulation.decisions_per_episode=2"]) == 0
+    shared = ["--jobs", "2", f"--sumo-options=--additional-files={reading}"]
+    assert cli.main([*commands[0].split(), *shared, *TINY]) == 0
 
 
 def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
@@ -209,14 +197,12 @@ def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
 ) -> None:
     driven = list[int]()
 
-    def drive(
-        env: object, driver: object, name: str, seed: int, vehicles: int, metrics: object
-    ) -> EpisodeResult:
+    def drive(env: Any, driver: Any, name: str, seed: int, *others: Any) -> EpisodeResult:
         if len(driven) == 3 and 99 not in driven:
             driven.append(99)
             signal.raise_signal(signal.SIGTERM)
         driven.append(seed)
-        return replace(RESULT, driver=name, seed=seed, vehicles=vehicles)
+        return replace(RESULT, driver=name, seed=seed, vehicles=5)
 
     monkeypatch.setattr(module, "drive", drive)
     out, summary = tmp_path / "rows.csv", tmp_path / "rows.json"
@@ -239,7 +225,8 @@ def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
     assert cli.main([*words, "--criticality"]) == 1
     assert "was made with other settings, columns or drivers" in capsys.readouterr().err
     facts = json.loads(out.with_suffix(".provenance.json").read_text())
-    assert (facts["seeds"], facts["engine"]) == ("0 to 8", "loky")
+    made = facts["seeds"], facts["engine"], facts["step_length_s"]
+    assert made == ("0 to 8", "loky", 0.5)
     before = out.read_bytes()
     assert cli.main([*words, "--safety-check", "permit_all"]) == 1
     assert "rows.csv was made with other settings" in capsys.readouterr().err

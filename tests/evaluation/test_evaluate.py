@@ -39,26 +39,17 @@ class Brakes:
 
 
 def test_its_rows_are_those_of_the_command_line(tmp_path: Path) -> None:
-    settings, table = tmp_path / "short.toml", tmp_path / "rows.csv"
-    settings.write_text("[simulation]\ndecisions_per_episode = 6\n")
+    table = tmp_path / "rows.csv"
     words = ["evaluate", "pretrained", "idm", "--vehicles", "3", "8", "--episodes", "2"]
     words += ["--seed", str(SEED), "--safety-check", "strict", "--traffic", "overtaking"]
-    assert main([*words, "--config", str(settings), "--out", str(table)]) == 0
-    rows = drl_av.evaluate(
-        ["pretrained", "idm"],
-        vehicles=[3, 8],
-        episodes=2,
-        seed=SEED,
-        safety_check="strict",
-        traffic="overtaking",
-        config=SHORT,
-    )
+    words += ["-o", "simulation.decisions_per_episode=6", "--out", str(table)]
+    assert main(words) == 0
+    given: dict[str, Any] = {"vehicles": [3, 8], "episodes": 2, "seed": SEED, "config": SHORT}
+    given |= {"safety_check": "strict", "traffic": "overtaking"}
+    rows = drl_av.evaluate(["pretrained", "idm"], **given)
     written = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
-    assert [(row.vehicles, row.seed, row.driver) for row in rows[:3]] == [
-        (3, SEED, "pretrained"),
-        (3, SEED, "idm"),
-        (3, SEED + 1, "pretrained"),
-    ]
+    begun = [(row.vehicles, row.seed, row.driver) for row in rows[:3]]
+    assert begun == [(3, SEED, "pretrained"), (3, SEED, "idm"), (3, SEED + 1, "pretrained")]
     assert len(rows) == len(written) == 8
     for row, line in zip(rows, written, strict=True):
         found = {key: str(value) for key, value in asdict(row).items()}
@@ -111,7 +102,6 @@ def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None
         ({"vehicles": [3, 2.5]}, "vehicles is 2.5, but must be a whole number from 0 on"),
         ({"vehicles": True}, "vehicles is True"),
         ({"seed": -1}, "seed is -1"),
-        ({"seed": 999_999}, "those from 1000000 on belong to training"),
         ({"jobs": "two"}, "jobs is 'two'"),
         ({"drivers": "pretraind"}, "did you mean 'pretrained'"),
         ({"own": {"mine": 3}}, "'mine' in own is a int, but must be an object with start"),

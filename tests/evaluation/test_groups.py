@@ -89,8 +89,7 @@ def test_figures_have_a_curve_and_a_band_for_a_group() -> None:
     assert shares.get_ydata()[at] == pytest.approx(2 / 3)
     assert other.get_ydata()[at] == 0.5
     for place in profile.collections[0].get_paths():
-        assert place.vertices[:, 1].min() >= 0
-        assert place.vertices[:, 1].max() <= 1
+        assert 0 <= place.vertices[:, 1].min() <= place.vertices[:, 1].max() <= 1
 
 
 def test_the_learning_curve_of_a_group_is_the_mean_of_its_runs(tmp_path: Path) -> None:
@@ -105,19 +104,12 @@ def test_the_learning_curve_of_a_group_is_the_mean_of_its_runs(tmp_path: Path) -
     assert curve.get_color() == styles_of(["idm", "ppo"])["ppo"][0]  # as in figures of speeds
 
 
-def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(here: Path) -> None:
     for seed in (10, 2, 1):
         run_folder(Path(f"runs/seed-{seed}"))
     specs = find_drivers(["ppo=runs/*", "idm"])
-    assert [(spec.name, spec.group) for spec in specs] == [
-        ("ppo/seed-1", "ppo"),
-        ("ppo/seed-2", "ppo"),
-        ("ppo/seed-10", "ppo"),
-        ("idm", "idm"),
-    ]
+    trainings = [(f"ppo/seed-{seed}", "ppo") for seed in (1, 2, 10)]
+    assert [(spec.name, spec.group) for spec in specs] == [*trainings, ("idm", "idm")]
     assert baselines(spec.name for spec in specs) == ["idm"]
     assert {spec.group for spec in find_drivers(["runs/seed-1", "idm"])} == {""}
     [first, *_] = find_drivers(["ppo=runs/*@paper"])
@@ -138,9 +130,8 @@ def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(
 
 
 def test_the_table_of_an_evaluation_has_a_column_for_the_group(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     for seed in (1, 2):
         run_folder(Path(f"runs/seed-{seed}"), SHORT)
     words = ["evaluate", "mine=runs/*", "idm", "--vehicles", "0", "--episodes", "1"]

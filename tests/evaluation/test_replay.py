@@ -165,8 +165,8 @@ def test_the_page_of_a_recording_holds_its_places_and_decisions(
 
 
 def test_the_page_marks_each_lane_change_once_where_it_begins(here: Path) -> None:
-    words = "replay gap-mobil --safety-check strict --vehicles 20 --seed 3 --decisions 200"
-    assert main([*words.split(), "--html", "page.html"]) == 0
+    words = "gap-mobil --safety-check strict --vehicles 20 --seed 3 --decisions 200"
+    assert main(["replay", *words.split(), "--html", "page.html"]) == 0
     [data] = page_data(Path("page.html"))
     marks = [k for k, made in enumerate(data["decisions"]) if made["changes_lane"]]
     y_m = [frame["y"][0] for frame in data["frames"]]
@@ -179,12 +179,11 @@ def test_the_page_marks_each_lane_change_once_where_it_begins(here: Path) -> Non
     ("driver", "are"), [("pretrained-paper", "Q-values"), ("pretrained", "Probabilities")]
 )
 def test_the_page_of_a_learned_driver_shows_the_values_that_it_chose_by(
-    driver: str, are: str, tmp_path: Path
+    driver: str, are: str, here: Path
 ) -> None:
-    page = tmp_path / "page.html"
-    words = ["replay", driver, "--decisions", "8", "--seed", "4"]
-    assert main([*words, "--html", str(page)]) == 0
-    [data] = page_data(page)
+    words = ["replay", driver, "--decisions", "8", "--seed", "4", "--html", "page.html"]
+    assert main(words) == 0
+    [data] = page_data(Path("page.html"))
     assert data["values_are"] == are
     for decision in data["decisions"]:
         assert len(decision["values"]) == 12
@@ -223,11 +222,7 @@ def test_two_drivers_meet_the_same_traffic_on_one_page(
     ],
 )
 def test_what_no_page_can_show_is_one_sentence(
-    words: str,
-    why: str,
-    recording: Recording,
-    here: Path,
-    capsys: pytest.CaptureFixture[str],
+    words: str, why: str, recording: Recording, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording.save(Path("own.npz"))
     replace(recording, seed=12).save(Path("other.npz"))

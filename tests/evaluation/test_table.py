@@ -4,9 +4,9 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from drives import episode
 from programs import python
 
 from drl_av.config import Config
@@ -128,10 +128,7 @@ def test_a_full_disk_leaves_what_the_next_attempt_continues(
 
 DAMAGED = {
     "twice": (lambda text: text + text.splitlines()[-1] + "\n", "is there twice"),
-    "not a number": (
-        lambda text: text.replace("20.5", "fast", 1),
-        "line 2: mean_speed_m_s is f",
-    ),
+    "not a number": (lambda text: text.replace("20.5", "fast", 1), "2: mean_speed_m_s is f"),
     "infinite": (lambda text: text.replace("20.5", "-1e999", 1), "mean_speed_m_s is -1e999"),
     "too long": (lambda text: text.replace("20.5", "9" * 400, 1), "mean_speed_m_s is 999"),
     "no driver of it": (lambda text: text.replace("mine", "yours", 1), "damaged"),
@@ -159,46 +156,51 @@ def test_a_table_that_windows_wrote_is_read(saved: Path) -> None:
     assert opened(saved).rows == ROWS
 
 
-def without(*names: str) -> Callable[[dict[str, Any]], object]:
-    return lambda facts: {name: value for name, value in facts.items() if name not in names}
-
-
-def setting(name: str, value: object) -> Callable[[dict[str, Any]], object]:
-    return lambda facts: facts | {name: value}
-
-
 @pytest.mark.parametrize(
-    "change",
+    "changed",
     [
-        lambda facts: {},
-        lambda facts: [facts],
-        lambda facts: "facts",
-        without("settings"),
-        without("wall_time_s"),
-        setting("settings", {}),
-        setting("settings", {"paper": 5}),
-        setting("settings", {"paper": {"wings": {"number": 2}}}),
-        setting("settings", {"simulation": {"step_length_s": float("nan")}}),
-        setting("policies_sha256", 7),
-        setting("wall_time_s", float("inf")),
-        setting("wall_time_s", -1.0),
-        setting("wall_time_s", {"paper-0": "long"}),
+        {"settings": {}},
+        {"settings": {"paper": 5}},
+        {"settings": {"paper": {"wings": {"number": 2}}}},
+        {"settings": {"simulation": {"step_length_s": float("nan")}}},
+        {"policies_sha256": 7},
+        {"wall_time_s": float("inf")},
+        {"wall_time_s": -1.0},
+        {"wall_time_s": {"paper-0": "long"}},
     ],
 )
 def test_a_provenance_that_is_not_the_table_s_is_refused(
-    change: Callable[[dict[str, Any]], object], saved: Path
+    changed: dict[str, object], saved: Path
 ) -> None:
     file = saved / "rows.json"
-    file.write_text(json.dumps(change(json.loads(file.read_text()))))
+    file.write_text(json.dumps(json.loads(file.read_text()) | changed))
     require_refused(saved)
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", "{", "[" * 100_000, '{"settings": ' * 50_000, "\0", '{"settings": ' + "9" * 5000 + "}"],
-    ids=["empty", "cut", "deep list", "deep object", "zero", "long number"],
-)
-def test_a_provenance_that_is_no_json_is_refused(text: str, saved: Path) -> None:
+@pytest.mark.parametrize("lost", ["settings", "wall_time_s"])
+def test_a_provenance_that_lacks_a_part_is_refused(lost: str, saved: Path) -> None:
+    file = saved / "rows.json"
+    facts = json.loads(file.read_text())
+    del facts[lost]
+    file.write_text(json.dumps(facts))
+    require_refused(saved)
+
+
+NO_JSON = {
+    "empty": "",
+    "cut": "{",
+    "deep list": "[" * 100_000,
+    "deep object": '{"settings": ' * 50_000,
+    "zero": "\0",
+    "long number": '{"settings": ' + "9" * 5000 + "}",
+    "no facts": "{}",
+    "a list": "[{}]",
+    "a text": '"facts"',
+}
+
+
+@pytest.mark.parametrize("text", NO_JSON.values(), ids=NO_JSON)
+def test_a_provenance_that_is_no_json_of_facts_is_refused(text: str, saved: Path) -> None:
     (saved / "rows.json").write_text(text)
     require_refused(saved, "put")
 
@@ -220,14 +222,7 @@ def test_a_folder_or_pipe_in_place_of_a_file_is_refused(
 
 
 def test_rows_become_results_again_to_the_digit() -> None:
-    result = EpisodeResult(
-        **{"driver": "idm", "safety_check": "paper", "vehicles": 5, "seed": 7, "decisions": 9},
-        **{"mean_speed_m_s": 0.1 + 0.2, "mean_reward": -1 / 3, "mean_r_v": 0.0, "mean_r_y": 0.0},
-        **{"mean_r_x": 0.0, "collided": True, "ego_hit": False, "collision": "hit from behind"},
-        **{"safety_triggers": 1, "lane_changes": 2, "aborted_lane_changes": 3},
-        **{"min_ttc_s": float("inf"), "min_headway_s": 1.5, "hard_brakes": 0},
-        **{"d_safe_violations": 4, "way": "exit taken"},
-    )
+    result = episode("idm", 7, 0.1 + 0.2, mean_reward=-1 / 3, collided=True, way="exit taken")
     text = {name: str(value) for name, value in result.cells().items()}
     assert results_of([text], EpisodeResult) == [result]
     with pytest.raises(ValueError, match="maybe"):

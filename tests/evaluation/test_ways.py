@@ -53,12 +53,12 @@ def test_the_summary_of_all_densities_compares_with_the_same_rule_based_driver()
 
 
 def test_a_driver_that_misses_more_exits_fails_however_fast_it_is() -> None:
-    fast = [31.0, 32.0] * 50
-    sumo = [
-        *drives("sumo", "x" + "o" * 99, *[22.0] * 100),
-        *drives("idm", "x" * 100, *[30.0] * 100),
-    ]
-    [mine] = judge([*drives("mine", "xo" * 50, *fast), *sumo])
+    mine = drives("mine", "xo" * 50, *[31.0, 32.0] * 50)
+    sumo, idm = (
+        drives("sumo", "x" + "o" * 99, *[22.0] * 100),
+        drives("idm", "x" * 100, *[30.0] * 100),
+    )
+    [mine] = judge([*mine, *sumo, *idm])
     assert mine.failures == ("exit or merge",)
     assert str(mine).startswith("mine: FAIL (exit or merge) against sumo\n")
 
@@ -109,8 +109,7 @@ def test_the_tables_of_a_loop_have_no_way(
 ) -> None:
     out, summary = tmp_path / "rows.csv", tmp_path / "summary.json"
     words = ["evaluate", "--driver", "idm", "gap-mobil", "--vehicles", "1", "--episodes", "1"]
-    (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 2\n")
-    words += ["--config", str(tmp_path / "short.toml"), "--criticality"]
+    words += ["-o", "simulation.decisions_per_episode=2", "--criticality"]
     assert main([*words, "--out", str(out), "--json", str(summary)]) == 0
     assert "way" not in out.read_text().splitlines()[0].split(",")
     text = summary.read_text() + capsys.readouterr().out

@@ -6,7 +6,7 @@ from zipfile import ZipFile
 
 import pytest
 from PIL import Image
-from runs import SHORT, error_message, run_folder
+from runs import error_message, run_folder
 from stable_baselines3 import PPO
 
 from drl_av.cli import main
@@ -22,6 +22,12 @@ def table(here: Path) -> list[dict[str, str]]:
     words += ["--episodes", "2", "-o", "simulation.decisions_per_episode=25", "--out", "rows.csv"]
     assert main(words) == 0
     return rows()
+
+
+def evaluate(*drivers: str) -> list[str]:
+    """The words of an evaluation of ten decisions among nine vehicles."""
+    words = ["evaluate", *drivers, "--vehicles", "9", "--out", "rows.csv"]
+    return [*words, "-o", "simulation.decisions_per_episode=10"]
 
 
 def rows() -> list[dict[str, str]]:
@@ -95,9 +101,7 @@ def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_folder(here / "runs" / "mine")
-    Path("tiny.toml").write_text(SHORT.to_toml())
-    words = ["evaluate", "runs/mine", "--vehicles", "9", "--episodes", "2", "--out", "rows.csv"]
-    assert main([*words, "--config", "tiny.toml"]) == 0
+    assert main([*evaluate("runs/mine"), "--episodes", "2"]) == 0
     capsys.readouterr()
     again = ["replay", "rows.csv", "--worst", "mean_reward", "--html", "a.html"]
     assert main(again) == 1
@@ -111,12 +115,10 @@ def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
 
 
 def test_of_two_drivers_with_one_last_name_the_path_names_one(here: Path) -> None:
-    Path("tiny.toml").write_text(SHORT.to_toml())
     paths = ["runs/a/mine", "runs/b/mine"]
     for path in paths:
         run_folder(here / path)
-    words = ["evaluate", *paths, "--vehicles", "9", "--episodes", "1", "--out", "rows.csv"]
-    assert main([*words, "--config", "tiny.toml"]) == 0
+    assert main([*evaluate(*paths), "--episodes", "1"]) == 0
     assert [row["driver"] for row in rows()] == paths
     again = ["replay", "rows.csv", "--worst", "mean_reward", "--driver", "runs/b/mine"]
     assert main([*again, "--record", "worst.npz"]) == 0
@@ -128,9 +130,7 @@ def test_the_trainings_of_a_group_are_found_again_as_the_message_says(
 ) -> None:
     for seed in (1, 2):
         run_folder(here / "moved" / f"seed-{seed}")
-    Path("tiny.toml").write_text(SHORT.to_toml())
-    words = ["evaluate", "mine=moved/seed-*", "--vehicles", "9", "--episodes", "1"]
-    assert main([*words, "--config", "tiny.toml", "--out", "rows.csv"]) == 0
+    assert main([*evaluate("mine=moved/seed-*"), "--episodes", "1"]) == 0
     capsys.readouterr()
     again = ["replay", "rows.csv", "--worst", "mean_reward", "--html", "a.html"]
     assert main(again) == 1
