@@ -98,9 +98,8 @@ def test_a_training_that_is_in_the_table_is_not_repeated(
     assert next(steps).done == 3
     steps.close()  # in the midst of the second training
     rows = read_rows(tmp_path / "barricade.csv")
-    assert [(row["phase"], row["episode"]) for row in rows] == [
-        *(("training", "1"), ("training", "2"), ("trained", "1"))
-    ]
+    found = [(row["phase"], row["episode"]) for row in rows]
+    assert found == [("training", "1"), ("training", "2"), ("trained", "1")]
     assert json.loads((tmp_path / "barricade.json").read_text())["engine"] == "here"
     assert [step.done for step in make(BARRICADE, options)] == [3]
     assert list(make(BARRICADE, options)) == []

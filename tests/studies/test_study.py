@@ -1,6 +1,7 @@
 """A study in a TOML file is driven, resumed, trained for, shown and refused as it says."""
 
 import json
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -144,17 +145,20 @@ units = "driver"
 """
 
 
-def test_drivers_are_trained_once_and_drive_with_the_settings_of_the_study(
-    short: Options, tmp_path: Path
-) -> None:
+@pytest.fixture
+def trained(tmp_path: Path) -> FileStudy:
     (tmp_path / "trained.toml").write_text(TRAINED)
-    study = FileStudy(tmp_path / "trained.toml")
-    list(make(study, short))
+    return FileStudy(tmp_path / "trained.toml")
+
+
+def test_drivers_are_trained_once_and_drive_with_the_settings_of_the_study(
+    trained: FileStudy, short: Options
+) -> None:
+    list(make(trained, short))
     rows = read_rows(short.out / "trained.csv")
     names = ["idm", "seed 4", "seed 5"]
-    assert [(row["driver"], row["traffic"]) for row in rows] == [
-        (name, kind) for name in names for kind in ("calm", "overtaking")
-    ]
+    driven = [(row["driver"], row["traffic"]) for row in rows]
+    assert driven == [*product(names, ("calm", "overtaking"))]
     assert {row["safety_check"] for row in rows} == {"strict"}
     facts = json.loads((short.out / "trained.json").read_text())
     assert facts["settings"]["seed 5"]["learning"]["seed"] == 5
@@ -162,24 +166,22 @@ def test_drivers_are_trained_once_and_drive_with_the_settings_of_the_study(
     assert facts["episodes"] == {"seed 4": 2, "seed 5": 2}
     assert {"paper-4", "paper-5"} < facts["wall_time_s"].keys()
     speed = {(row["driver"], row["traffic"]): float(row["mean_speed_m_s"]) for row in rows}
-    [line] = study.tables["trained"](short.out).splitlines()[2:]
+    [line] = trained.tables["trained"](short.out).splitlines()[2:]
     assert line.startswith("| 2 trainings | ")
     gains = [speed[f"seed {n}", "calm"] - speed["idm", "calm"] for n in (4, 5)]
     assert f"| {sum(gains) / 2:.2f} " in line
-    trained = {path: path.stat().st_mtime_ns for path in short.runs.rglob("*.safetensors")}
+    made = {path: path.stat().st_mtime_ns for path in short.runs.rglob("*.safetensors")}
     (short.out / "trained.csv").unlink()
     (short.out / "trained.json").unlink()
-    list(make(study, short))
+    list(make(trained, short))
     assert read_rows(short.out / "trained.csv") == rows
-    assert trained == {path: path.stat().st_mtime_ns for path in trained}
+    assert made == {path: path.stat().st_mtime_ns for path in made}
 
 
 def test_another_policy_under_the_name_of_a_training_is_refused(
-    short: Options, tmp_path: Path
+    trained: FileStudy, short: Options
 ) -> None:
-    (tmp_path / "trained.toml").write_text(TRAINED)
-    study = FileStudy(tmp_path / "trained.toml")
-    list(make(study, short))
+    list(make(trained, short))
     beside = short.out / "trained.json"
     facts = json.loads(beside.read_text())
     facts["policies_sha256"]["paper-4"] = "that of another"
@@ -187,7 +189,7 @@ def test_another_policy_under_the_name_of_a_training_is_refused(
     table = short.out / "trained.csv"
     table.write_bytes(b"".join(table.read_bytes().splitlines(keepends=True)[:2]))
     with pytest.raises(DrlAvError, match=r"trained\.csv was made with other .*drivers"):
-        list(make(study, short))
+        list(make(trained, short))
 
 
 def test_the_engine_drives_evaluations_too(
