@@ -5,6 +5,7 @@ import math
 import os
 import signal
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,7 @@ from studies import adaptation, learning_curves
 from studies import engine as module
 from studies.adaptation import ADAPTATION, adaptation_figure, adaptation_table
 from studies.engine import Progress, make
-from studies.learning_curves import (
-    CURVES,
-    converged_at,
-    convergence,
-    curve,
-    smoothed,
-)
+from studies.learning_curves import CURVES, converged_at, convergence, curve, smoothed
 from studies.options import Options
 from studies.trainings import TrainingJob, train_job
 
@@ -155,8 +150,7 @@ FIGURES = CURVES.figures
 
 
 def test_check_figure_has_means_over_seeds_and_continues_with_the_longer_one(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(learning_curves, "FEWEST", 2)
     (tmp_path / "curves.csv").write_text(DRAWN.lstrip())
@@ -282,21 +276,16 @@ def test_both_begin_as_the_driver_of_the_curves_and_only_one_of_them_learns(
     runs = wanted.runs
     list(make(ADAPTATION, wanted))
     rows = read_rows(tmp_path / "adaptation.csv")
-    assert [(row["variant"], row["seed"], row["episode"]) for row in rows] == [
-        (variant, seed, episode)
-        for variant in ("adaptation", "no_adaptation")
-        for seed in ("0", "1")
-        for episode in ("2", "4", "5")
-    ]
+    places = [(row["variant"], row["seed"], row["episode"]) for row in rows]
+    assert places == [*product(("adaptation", "no_adaptation"), "01", "245")]
     names = ("mixed_paper-1", "mixed_paper-1/adaptation-1", "mixed_paper-1/no_adaptation-1")
     weights, remembered = {}, {}
     for name in names:
         network, _ = load_policy(runs / name / "policy.safetensors")
         tensors, _ = load(runs / name / "checkpoint.safetensors")
         weights[name] = network.flat
-        remembered[name] = sum(
-            len(tensors[f"buffer.{kind}.rows"]) for kind in ("safe", "collision")
-        )
+        kinds = ("safe", "collision")
+        remembered[name] = sum(len(tensors[f"buffer.{kind}.rows"]) for kind in kinds)
     changed = {name: bool((weights[name] != weights[names[0]]).any()) for name in names}
     assert list(changed.values()) == [False, True, False]
     # what is driven since comes on top of the training's own experience
@@ -326,13 +315,8 @@ def test_adaptation_figure_draws_each_driver_and_the_mean_of_both_variants(tmp_p
     drawn = {line.get_label(): list(line.get_ydata()) for line in axes.lines}
     assert drawn["continual adaptation"] == [4, 4]
     assert drawn["no adaptation"] == [6, 6]
-    assert sorted(list(line.get_ydata()) for line in axes.lines) == [
-        [3, 3],
-        [4, 4],
-        [5, 5],
-        [5, 5],
-        [6, 6],
-        [7, 7],
+    assert sorted(map(list, (line.get_ydata() for line in axes.lines))) == [
+        [triggers] * 2 for triggers in (3, 4, 5, 5, 6, 7)
     ]
 
 
@@ -390,17 +374,11 @@ def test_near_is_a_share_of_the_way_and_not_of_the_value() -> None:
 
 
 def row(variant: str, seed: int, episode: int, reward: float, collisions: int) -> dict[str, str]:
-    numbers = {
-        "mean_reward": reward,
-        "mean_speed_m_s": 20 + seed,
-        "collisions": collisions,
-        "ego_hits": 0,
-        "evaluation_episodes": 10,
-        "training_reward": -0.7,
-        "training_collisions": 0.5,
-    }
     place = {"variant": variant, "seed": seed, "episode": episode}
-    return {key: str(value) for key, value in (place | numbers).items()}
+    found = {"mean_reward": reward, "mean_speed_m_s": 20 + seed, "collisions": collisions}
+    usual = {"ego_hits": 0, "evaluation_episodes": 10}
+    usual |= {"training_reward": -0.7, "training_collisions": 0.5}
+    return {key: str(value) for key, value in (place | found | usual).items()}
 
 
 def test_ends_are_means_of_seeds_each_over_its_last_tenth() -> None:
@@ -448,10 +426,9 @@ def test_the_trainings_of_the_first_seed_come_first_and_each_traffic_is_its_own(
         ("mixed_uniform-0", 500),
         ("mixed_permit_all-1", 3000),
     ]
-    worlds = [job.config.simulation.world for job in jobs]
-    assert worlds == ["sumo", "twin", "twin", "twin"]
-    shares = [job.config.traffic.level_1_share for job in jobs]
-    assert shares == [0.0, 0.25, 0.25, 0.25]
-    checks = [job.config.safety.check for job in jobs]
+    configs = [job.config for job in jobs]
+    assert [each.simulation.world for each in configs] == ["sumo", "twin", "twin", "twin"]
+    assert [each.traffic.level_1_share for each in configs] == [0.0, 0.25, 0.25, 0.25]
+    checks = [each.safety.check for each in configs]
     assert checks == ["paper", "permit_all", "paper", "permit_all"]
     assert jobs[2].config.learning.replay == "uniform"

@@ -128,9 +128,8 @@ def test_the_start_leaves_the_ego_the_gap_that_its_check_requires() -> None:
     rows = np.arange(2_000)
     lead = 1 + 3 * ego_lane
     gap_m = world.x_m[rows, lead] - world.x_m[:, 0] - LENGTH_M
-    assert (
-        gap_m >= needed_gap(world.speed_m_s[:, 0], world.speed_m_s[rows, lead], config) - 1e-9
-    ).all()
+    needed_m = needed_gap(world.speed_m_s[:, 0], world.speed_m_s[rows, lead], config)
+    assert (gap_m >= needed_m - 1e-9).all()
     # the long ranges behind the first vehicle of a lane are those of the studies: a lognormal with
     # the median 34 m, of which 10 % are above 70.6 m; the short ones are widened: 38.3 m /
     # sqrt(1 - (30 / 31)^4 + 3 / 1.46) = 25.9 m at 30 m/s, where 10 % would be below 16.4 m
@@ -186,9 +185,8 @@ def test_the_table_of_the_documentation_is_what_the_program_prints() -> None:
     hit, none, one = np.array([1.0, 0.0]), np.zeros(2), np.ones(2)
     found = crash_simulation.Outcome(one, hit, none, 0.5 * one, none)
     printed = f"1 % of the lane changes are careless\n{report('paper', found)}\n"
-    printed += (
-        f"50 % of the lane changes are careless\n{report('real', found._replace(ego_hit=none))}"
-    )
+    real = report("real", found._replace(ego_hit=none))
+    printed += f"50 % of the lane changes are careless\n{real}"
     # one of two: Clopper and Pearson; twice that a km
     assert crash_table.table(printed).splitlines()[2:] == [
         "| 1 % | paper | 5.00e-01 (1.26e-02 to 9.87e-01) | 1.00e+00 (2.52e-02 to 1.97e+00) "

@@ -117,12 +117,7 @@ def test_scenes_end_in_sumo_as_in_the_simulator(name: str, config: Config) -> No
     ],
 )
 def test_the_ego_collides_with_the_end_of_a_lane_that_its_body_is_over(
-    road: Road,
-    front_m: float,
-    y_m: float,
-    moves_right: bool,
-    collides: bool,
-    separation_m: float,
+    road: Road, front_m: float, y_m: float, moves_right: bool, collides: bool, separation_m: float
 ) -> None:
     one = np.ones(1, np.int64)
     far_behind = np.array([[-200.0]]), np.ones((1, 1)), np.zeros((1, 1))

@@ -38,9 +38,8 @@ def test_an_error_of_a_program_is_one_sentence_and_a_status(
 
 def test_every_program_that_the_makefile_runs_is_listed() -> None:
     done = python("-m", "verification", cwd=ROOT)
-    listed = set(
-        re.findall(r"^python -m (verification\.\w+) +[A-Z].+\.$", done.stdout, re.MULTILINE)
-    )
+    line = r"^python -m (verification\.\w+) +[A-Z].+\.$"
+    listed = set(re.findall(line, done.stdout, re.MULTILINE))
     made = set(re.findall(r"verification\.\w+", (ROOT / "Makefile").read_text(encoding="utf-8")))
     assert made <= listed
     assert "verification.program" not in listed
