@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drl_av.config import Config
+from drl_av.config import Config, with_files
 from drl_av.driving.actions import Longitudinal
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError
@@ -28,111 +28,88 @@ from verification.families import FAMILIES, PLACED
 STRICT = Config().updated("safety", check="strict")
 PAPER = Config()
 ROAD = ROAD_AS_WRITTEN
+TRUCKS = "traffic.truck_share=0.1"
 
 
-@pytest.mark.parametrize(
-    ("section", "settings", "road", "sentence"),
-    [
-        (
-            "traffic",
-            {"acceleration_max_m_s2": 2.1},
-            ROAD,
-            "at most strict.acceleration_m_s2, 2, and not 2.1",
-        ),
-        ("traffic", {"truck_share": 0.1, "truck_acceleration_m_s2": 2.5}, ROAD, "2.5, because bou"),
-        ("ego", {"hard_brake_m_s2": 3.9}, ROAD, "at most ego.hard_brake_m_s2, 3.9, and not 4"),
-        (
-            "ego",
-            {"hard_brake_m_s2": 5.0},
-            ROAD,
-            "ego.hard_brake_m_s2 must be at most strict.braking_m_s2, 4, and not 5, because the "
-            "lemma following fails otherwise",
-        ),
-        ("ego", {"accelerate_m_s2": 2.5}, ROAD, "accel of the vehicle type ego, 2, and not 2.5"),
-        (
-            "strict",
-            {"follower_braking_m_s2": 4.1},
-            ROAD,
-            "decel of the vehicle type traffic, 4, and not 4.1",
-        ),
-        ("strict", {"lateral_speed_m_s": 0.7}, ROAD, "strict.lateral_speed_m_s, 0.7, and not 0.76"),
-        ("simulation", {"step_length_s": 1.0}, ROAD, "strict.follower_response_s, 0.5, and not 1"),
-        # 0.84 m from where the body is over the line to where the centre is: 3.8 m take 4.53 s
-        (
-            "ego",
-            {"lane_change_duration_s": 4.0},
-            ROAD,
-            "lane_change_duration_s must be at least 4.53, or one of some shorter ones, and not 4,",
-        ),
-        # the ego is 0.8 m from the middle a second before, on its way back and there again
-        ("ego", {"lane_change_duration_s": 3.8}, ROAD, "because the lemma abort fails: the centre"),
-        ("ego", {"lane_change_duration_s": 2.0}, ROAD, "and not 2, because the lemma abort fails"),
-        ("ego", {"lane_change_duration_s": 1.0}, ROAD, "and not 1, because the lemma abort fails"),
-        (
-            "traffic",
-            {"truck_share": 0.1, "truck_width_m": 3.75},
-            ROAD,
-            "traffic.truck_width_m must be at most 3.7, and not 3.75, because bound 3 fails",
-        ),
-        ("traffic", {"random_lane_changes_per_s": 0.3}, ROAD, "must be at most 0.01, and not 0.3"),
-        (
-            "strict",
-            {"follower_braking_m_s2": 0.4},
-            ROAD,
-            "follower_braking_m_s2 must be at least 0.5, and not 0.4, because the lemma response",
-        ),
-        (
-            "strict",
-            {"clearance_m": 0.0},
-            ROAD,
-            "strict.clearance_m must be at least 0.001, and not 0, because the lemma rounding",
-        ),
-        (
-            "simulation",
-            {"lateral_resolution_m": 0.95},
-            ROAD,
-            "simulation.lateral_resolution_m must be at least the lane width, 3.8, and not 0.95",
-        ),
-        # two vehicles of 1.8 m and SUMO's 0.6 m between them
-        (
-            "simulation",
-            {"lateral_resolution_m": 5.0},
-            replace(ROAD, lane_width_m=5.0),
-            "the scenario's lane_width_m must be at most 4.2, and not 5",
-        ),
-        (
-            "traffic",
-            {"truck_share": 0.1, "truck_width_m": 0.5},
-            ROAD,
-            "traffic.truck_width_m must be at least 1.6, and not 0.5",
-        ),
-        # 30 m in a second and 105 m to brake, 0.5 m to spare, two vehicles of 5 m
-        ("ego", {}, replace(ROAD, lap_m=145.4), "circumference_m must be at least 145.5"),
-        (
-            "traffic",
-            {"truck_share": 0.1, "truck_length_m": 12.0},
-            replace(ROAD, lap_m=152.4),
-            "circumference_m must be at least 152.5",
-        ),
-        # at 20 m/s, 22 m in the next second, rounded up to steps: 10.5 + 11 + 55 m
-        (
-            "ego",
-            {"max_speed_m_s": 22.0},
-            replace(ROAD, lap_m=80.0),
-            "because bound 3 fails: the ego may need 77.5 m behind",
-        ),
-    ],
-)
-def test_what_the_argument_does_not_cover_is_refused_in_one_sentence(
-    section: str, settings: dict[str, float], road: Road, sentence: str
-) -> None:
-    moved = {**settings}
+def refused(settings: str, sentence: str, road: Road = ROAD) -> None:
+    """The sentence refuses settings, of which the check paper asks nothing."""
+    strict, paper = (with_files(config, settings.split()) for config in (STRICT, PAPER))
     with pytest.raises(ConfigError, match=re.escape(sentence)) as refusal:
-        named_check(STRICT.updated(section, **moved), road=road)
+        named_check(strict, road=road)
     assert str(refusal.value).startswith("Under the check strict ")
     way_out = r": change (it|one of them), or take the check paper \(--safety-check paper\)\.$"
     assert re.search(way_out, str(refusal.value))
-    named_check(PAPER.updated(section, **moved), road=road)
+    named_check(paper, road=road)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ("traffic.acceleration_max_m_s2=2.1", "at most strict.acceleration_m_s2, 2, and not 2.1"),
+        (f"{TRUCKS} traffic.truck_acceleration_m_s2=2.5", "2.5, because bou"),
+        ("ego.hard_brake_m_s2=3.9", "at most ego.hard_brake_m_s2, 3.9, and not 4"),
+        (
+            "ego.hard_brake_m_s2=5.0",
+            "ego.hard_brake_m_s2 must be at most strict.braking_m_s2, 4, and not 5, because the "
+            "lemma following fails otherwise",
+        ),
+        ("ego.accelerate_m_s2=2.5", "accel of the vehicle type ego, 2, and not 2.5"),
+        (
+            "strict.follower_braking_m_s2=4.1",
+            "decel of the vehicle type traffic, 4, and not 4.1",
+        ),
+        ("strict.lateral_speed_m_s=0.7", "strict.lateral_speed_m_s, 0.7, and not 0.76"),
+        ("simulation.step_length_s=1.0", "strict.follower_response_s, 0.5, and not 1"),
+        # 0.84 m from where the body is over the line to where the centre is: 3.8 m take 4.53 s
+        (
+            "ego.lane_change_duration_s=4.0",
+            "lane_change_duration_s must be at least 4.53, or one of some shorter ones, and not 4,",
+        ),
+        # the ego is 0.8 m from the middle a second before, on its way back and there again
+        ("ego.lane_change_duration_s=3.8", "because the lemma abort fails: the centre"),
+        ("ego.lane_change_duration_s=2.0", "and not 2, because the lemma abort fails"),
+        ("ego.lane_change_duration_s=1.0", "and not 1, because the lemma abort fails"),
+        (
+            f"{TRUCKS} traffic.truck_width_m=3.75",
+            "traffic.truck_width_m must be at most 3.7, and not 3.75, because bound 3 fails",
+        ),
+        ("traffic.random_lane_changes_per_s=0.3", "must be at most 0.01, and not 0.3"),
+        (
+            "strict.follower_braking_m_s2=0.4",
+            "follower_braking_m_s2 must be at least 0.5, and not 0.4, because the lemma response",
+        ),
+        (
+            "strict.clearance_m=0.0",
+            "strict.clearance_m must be at least 0.001, and not 0, because the lemma rounding",
+        ),
+        (
+            "simulation.lateral_resolution_m=0.95",
+            "simulation.lateral_resolution_m must be at least the lane width, 3.8, and not 0.95",
+        ),
+        (
+            f"{TRUCKS} traffic.truck_width_m=0.5",
+            "traffic.truck_width_m must be at least 1.6, and not 0.5",
+        ),
+    ],
+)
+def test_settings_that_the_argument_does_not_cover_are_refused_in_one_sentence(
+    settings: str, sentence: str
+) -> None:
+    refused(settings, sentence)
+
+
+def test_roads_that_the_argument_does_not_cover_are_refused_in_one_sentence() -> None:
+    # two vehicles of 1.8 m and SUMO's 0.6 m between them
+    wide = replace(ROAD, lane_width_m=5.0)
+    sentence = "the scenario's lane_width_m must be at most 4.2, and not 5"
+    refused("simulation.lateral_resolution_m=5.0", sentence, wide)
+    # 30 m in a second and 105 m to brake, 0.5 m to spare, two vehicles of 5 m
+    refused("", "circumference_m must be at least 145.5", replace(ROAD, lap_m=145.4))
+    trucks = f"{TRUCKS} traffic.truck_length_m=12.0"
+    refused(trucks, "circumference_m must be at least 152.5", replace(ROAD, lap_m=152.4))
+    # at 20 m/s, 22 m in the next second, rounded up to steps: 10.5 + 11 + 55 m
+    sentence = "because bound 3 fails: the ego may need 77.5 m behind"
+    refused("ego.max_speed_m_s=22.0", sentence, replace(ROAD, lap_m=80.0))
 
 
 def test_what_it_just_covers_is_accepted() -> None:

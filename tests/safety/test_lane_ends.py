@@ -106,15 +106,9 @@ def test_a_lane_change_out_of_a_lane_that_ends_is_not_turned_back_into_it_too_la
     # its centre is across, but the vehicle behind is too near; to stop it needs 105.5 m
     change = LaneChange(0, 1)
     for gap_m, side in ((105.6, Lateral.RIGHT), (105.4, Lateral.LEFT)):
-        now = scene(
-            Car(-12.0, LANE_M, 30.0),
-            s_m=800.0 - gap_m - 2.5,
-            y_m=LANE_M / 2 + 0.1,
-            speed_m_s=30.0,
-            v_y=0.76,
-            road=MERGE,
-            lane_change=change,
-        )
+        place = {"s_m": 800.0 - gap_m - 2.5, "y_m": LANE_M / 2 + 0.1, "road": MERGE}
+        ego = {"speed_m_s": 30.0, "v_y": 0.76, "lane_change": change}
+        now = scene(Car(-12.0, LANE_M, 30.0), **place, **ego)
         verdict = PAPER(now, Action(Lateral.LEFT, Longitudinal.HARD_BRAKE))
         assert verdict.action.lateral is side
         assert verdict.rule is (Rule.NONE if side is Lateral.LEFT else Rule.LANE_CHANGE)
@@ -127,23 +121,23 @@ def test_rule_3_forbids_a_change_to_a_lane_that_ends_soon() -> None:
     assert PAPER(farther, Action(Lateral.RIGHT, MAINTAIN)).rule is Rule.NONE
 
 
+STARTS = [
+    *((MERGE, 420.0, 0), (MERGE, 600.0, 1), (EXIT, 880.0, 1), (EXIT, 920.0, 0)),
+    *((EXIT, 1040.0, 1), (EXIT, 1100.0, 0), (WAY, 620.0, 0), (WAY, 1430.0, 1)),
+    *((NARROWING, 650.0, 0), (NARROWING, 700.0, 1), (NARROWING, 750.0, 4)),
+    *((NARROWING, 950.0, 3), (NARROWING, 780.0, 2)),
+]
+"""Roads, places on them and lanes."""
+
+
 @BOTH
 @given(data=st.data())
 def test_no_actions_take_the_ego_off_a_road_whose_lanes_end(
     check: WholeCheck, data: st.DataObject
 ) -> None:
-    road, start_m, lane = data.draw(
-        st.sampled_from(
-            [
-                *((MERGE, 420.0, 0), (MERGE, 600.0, 1), (EXIT, 880.0, 1), (EXIT, 920.0, 0)),
-                *((EXIT, 1040.0, 1), (EXIT, 1100.0, 0), (WAY, 620.0, 0), (WAY, 1430.0, 1)),
-                *((NARROWING, 650.0, 0), (NARROWING, 700.0, 1), (NARROWING, 750.0, 4)),
-                *((NARROWING, 950.0, 3), (NARROWING, 780.0, 2)),
-            ]
-        )
-    )
+    road, s_m, lane = data.draw(st.sampled_from(STARTS))
     speed = data.draw(st.floats(0, 30))
-    s_m, y_m, v_y, change = start_m, lane * LANE_M, 0.0, None
+    y_m, v_y, change = lane * LANE_M, 0.0, None
     assume(STRICT.fallback_is_free(_alone(road, s_m, y_m, speed, v_y, change)))
     for _ in range(25):
         now = _alone(road, s_m, y_m, speed, v_y, change)

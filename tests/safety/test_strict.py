@@ -93,8 +93,12 @@ def test_the_reaches_at_20_m_s_are_those_worked_by_hand(how: Longitudinal, reach
         (10.0, 45.01, BRAKE),
         (10.0, 44.99, HARD_BRAKE),
         # it stands
+        (0.0, 77.01, ACCELERATE),
+        (0.0, 76.99, MAINTAIN),
         (0.0, 65.51, MAINTAIN),
         (0.0, 65.49, BRAKE),
+        (0.0, 55.01, BRAKE),
+        (0.0, 54.99, HARD_BRAKE),
         # at 30 m/s it rolls 105 m, more than any reach: even 0.51 m would do
         (30.0, 0.51, ACCELERATE),
     ],
@@ -402,10 +406,7 @@ def pursuits(draw: st.DrawFn) -> World:
 
 
 @given(
-    pursuits(),
-    st.sampled_from(ACTIONS),
-    st.floats(-4.0, 2.0),
-    st.sampled_from([-1.0, 0.0, 1.0]),
+    pursuits(), st.sampled_from(ACTIONS), st.floats(-4.0, 2.0), st.sampled_from([-1.0, 0.0, 1.0])
 )
 @example(standing(0.5), Action(KEEP, MAINTAIN), 0.0, -1.0)  # the clearance, and no more
 @example(standing(0.51), Action(KEEP, MAINTAIN), 0.0, -1.0)
@@ -417,9 +418,7 @@ def test_a_free_way_out_is_free_again_at_the_next_decision_whatever_the_one_ahea
     before = world.scene(0)
     assume(STRICT.fallback_is_free(before))
     executed = STRICT(before, proposed).action
-    orders = Orders(
-        np.array([proposed.number]), np.array([[acceleration]]), np.array([[float(side)]])
-    )
+    orders = Orders(np.array([proposed.number]), np.array([[acceleration]]), np.array([[side]]))
     Mover(CONFIG).decision(world, np.array([executed.number]), orders)
     event(f"{executed}, proposal kept: {executed == proposed}")
     assert world.least_m.min() > 0
