@@ -25,13 +25,9 @@ from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene
 from drl_av.road.road import Road
 
-PAPER_ORDER = [
-    f"{slot}_{state}"
-    for slot in (
-        *("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear"),
-    )
-    for state in ("d_x", "v_x", "d_y", "v_y")
-] + ["ego_v_x", "ego_d_y", "ego_v_y"]
+SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
+PAPER_ORDER = [f"{slot}_{state}" for slot in SLOTS for state in ("d_x", "v_x", "d_y", "v_y")]
+PAPER_ORDER += ["ego_v_x", "ego_d_y", "ego_v_y"]
 
 
 def indicator(seen: Scene, name: str) -> float:

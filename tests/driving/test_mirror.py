@@ -74,11 +74,8 @@ def test_indicators_change_places_by_name_and_lateral_ones_their_sign() -> None:
 @given(scenes())
 def test_a_mirrored_snapshot_gives_the_mirrored_observation(world: Scene) -> None:
     scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
-    affordances, other = (
-        scale(world.indicators.values[:27]),
-        scale(mirrored(world).indicators.values[:27]),
-    )
-    assert in_the_mirror(affordances) == pytest.approx(other, abs=1e-5)
+    here, there = (scale(each.indicators.values[:27]) for each in (world, mirrored(world)))
+    assert in_the_mirror(here) == pytest.approx(there, abs=1e-5)
 
 
 @given(scenes(), st.sampled_from(ACTIONS))

@@ -34,6 +34,11 @@ def test_a_lane_change_begins_with_six_widths_over_its_length_squared() -> None:
     assert command(3.8, lane_change_duration_s=10.0) == pytest.approx(0.00228 / 4)
 
 
+def test_close_to_the_end_a_tenth_of_the_lane_change_counts_as_left() -> None:
+    # with 3.8 mm left the cubic would have 1.8 m left of 100 m
+    assert command(0.0038) == pytest.approx(6 * 0.0038 / 10**2)
+
+
 def test_halfway_over_the_wheel_is_straight() -> None:
     # the cubic's slope there is 1.5 * 3.8 / 100, and 6 * 1.9 / 50^2 = 4 * 0.057 / 50
     assert command(1.9, slope=0.057) == pytest.approx(0.0, abs=1e-12)
@@ -87,6 +92,17 @@ def test_left_and_right_are_steered_alike(offset_m: float, heading: float, speed
     left = curvature_command(0.0, offset_m, heading, speed, LANE_M, EGO)
     right = curvature_command(0.0, -offset_m, -heading, speed, LANE_M, EGO)
     assert left == pytest.approx(-right, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("off_m", "slope", "ended"),
+    [(0.0189, 0.0, True), (0.0191, 0.0, False), (0.0, 0.0037, True), (0.0, 0.0039, False)],
+)
+def test_a_lane_change_ends_within_half_a_percent_of_the_lane_and_a_tenth_of_the_mean_slope(
+    off_m: float, slope: float, ended: bool
+) -> None:
+    # of 3.8 m, and of 3.8 m / 100 m
+    assert settled(Pose(3.8 - off_m, math.atan(slope)), 3.8, 20.0, LANE_M, EGO) is ended
 
 
 def test_at_1_5_m_s_a_lane_change_takes_7_s() -> None:

@@ -67,17 +67,13 @@ def test_a_lane_beyond_the_road_is_a_wall_and_the_flags_say_which_exist() -> Non
 
 
 def test_the_ego_knows_its_speed_its_place_and_its_lane_change() -> None:
-    values = observed(
-        scene(y_m=CENTER - 0.76, v_y=-0.76, speed_m_s=27.0, lane_change=LaneChange(1, 0))
-    )
+    ego = {"y_m": CENTER - 0.76, "v_y": -0.76, "speed_m_s": 27.0}
+    values = observed(scene(**ego, lane_change=LaneChange(1, 0)))
     states = ("speed", "d_y", "v_y", "lane_change", "lane_change_rest")
     assert [values[f"ego_{state}"] for state in states] == pytest.approx([0.7, -0.2, -1, -1, -0.8])
     # without lanes that end there is no way to go
-    assert [values[f"ego_{name}"] for name in ("lane_end", "way_changes", "way_distance")] == [
-        1,
-        0,
-        1,
-    ]
+    way = ("lane_end", "way_changes", "way_distance")
+    assert [values[f"ego_{name}"] for name in way] == [1, 0, 1]
 
 
 def test_a_vehicle_farther_than_half_a_lap_ahead_is_behind() -> None:

@@ -34,84 +34,45 @@ class Surroundings(NamedTuple):
     The axes of the arrays are the vehicle, the lane (own, right, left), and front/rear.
     """
 
-    has_lane: npt.NDArray[np.bool_]
+    has_lane: BoolArray
     """Shape (R, 3): whether the lane exists and is open; always True for the own lane."""
     gap_m: FloatArray
     """Shape (R, 3, 2): gap from bumper to bumper, never negative; inf without a neighbour."""
     relative_speed_m_s: FloatArray
     """Shape (R, 3, 2): speed of the neighbour minus that of the vehicle; 0 without a neighbour."""
-    lateral_offset_m: FloatArray
-    """Shape (R, 3, 2): y of the neighbour minus y of the vehicle, left positive.
-
-    Without a neighbour, the y of the lane's centre takes the place of the neighbour's.
-    """
-    relative_lateral_speed_m_s: FloatArray
-    """Shape (R, 3, 2): lateral speed of the neighbour minus that of the vehicle, left positive; 0
-    without a neighbour."""
     speed_m_s: FloatArray
-    """Speed of each of the R vehicles; this field and the next three have shape (R,)."""
-    y_m: FloatArray
-    """Position of the vehicle's centre, left positive from the centre of the rightmost lane."""
+    """Speed of each of the R vehicles; this field and the next have shape (R,)."""
     off_center_m: FloatArray
     """Offset from the centre of the own lane, left positive."""
-    lateral_speed_m_s: FloatArray
-    range_m: float
-    """Largest gap at which another vehicle counts as a neighbour."""
 
     @property
-    def under_way(self) -> npt.NDArray[np.bool_]:
+    def under_way(self) -> BoolArray:
         """Whether each vehicle is changing lanes, that is, is off its lane's centre; shape (R,)."""
         return np.abs(self.off_center_m) > CENTERED_M
 
-    def vectors(self) -> FloatArray:
-        """Return each vehicle's 27 indicators, shape (R, 27), in the order of INDICATORS."""
-        absent_m = np.where(self.has_lane, self.range_m, 0.0)[:, :, None]
-        neighbors = np.stack(
-            (
-                np.where(np.isfinite(self.gap_m), self.gap_m, absent_m),
-                self.relative_speed_m_s,
-                self.lateral_offset_m,
-                self.relative_lateral_speed_m_s,
-            ),
-            axis=-1,
-        )
-        own = np.stack((self.speed_m_s, self.y_m, self.lateral_speed_m_s), axis=-1)
-        return np.concatenate((neighbors.reshape(len(own), 24), own), axis=1)
 
-
-def surroundings(
-    snapshot: Snapshot, road: Road, range_m: float, rows: npt.NDArray[np.intp]
-) -> Surroundings:
+def surroundings(snapshot: Snapshot, road: Road, range_m: float, rows: IntArray) -> Surroundings:
     """Find the neighbours of R vehicles by the rules of ``compute_indicators``.
 
     ``rows``, shape (R,), holds the row index of each vehicle in the snapshot arrays.
     """
-    y, speed, lateral = snapshot.y_m, snapshot.speed_m_s, snapshot.lateral_speed_m_s
+    y, speed = snapshot.y_m, snapshot.speed_m_s
     lane = np.floor(y[rows] / road.lane_width_m + 0.5).astype(np.intp)
     centers_m = lane[:, None] * road.lane_width_m + road.lane_width_m * np.array(SIDES)
     gap_m, other = _nearest(snapshot, road, centers_m, rows)
     there = gap_m <= range_m
-
-    def relative(values: FloatArray, absent: FloatArray | float) -> FloatArray:
-        return np.where(there, values[other] - values[rows, None, None], absent)
-
     return Surroundings(
         has_lane=_has_lane(lane, road),
         gap_m=np.where(there, np.maximum(gap_m, 0.0), np.inf),
-        relative_speed_m_s=relative(speed, 0.0),
-        lateral_offset_m=relative(y, (centers_m - y[rows, None])[:, :, None]),
-        relative_lateral_speed_m_s=relative(lateral, 0.0),
+        relative_speed_m_s=np.where(there, speed[other] - speed[rows, None, None], 0.0),
         speed_m_s=speed[rows],
-        y_m=y[rows],
         off_center_m=y[rows] - centers_m[:, OWN],
-        lateral_speed_m_s=lateral[rows],
-        range_m=range_m,
     )
 
 
 def _nearest(
-    snapshot: Snapshot, road: Road, centers_m: FloatArray, rows: npt.NDArray[np.intp]
-) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    snapshot: Snapshot, road: Road, centers_m: FloatArray, rows: IntArray
+) -> tuple[FloatArray, IntArray]:
     """Return the gaps to the nearest neighbours of R vehicles, m, and the neighbours' row indices.
 
     Both have shape (R, 3, 2); the axes are the vehicle, the lane (own, right, left) and front/rear.
@@ -132,11 +93,10 @@ def _nearest(
     return np.take_along_axis(distances, other[..., None], axis=3)[..., 0], other
 
 
-def _has_lane(lane: npt.NDArray[np.intp], road: Road) -> npt.NDArray[np.bool_]:
+def _has_lane(lane: IntArray, road: Road) -> BoolArray:
     fenced = np.array((False, *road.open_lanes, False))
-    exists: npt.NDArray[np.bool_] = fenced[
-        np.clip(lane[:, None] + np.array(SIDES) + 1, 0, len(fenced) - 1)
-    ]
+    places = np.clip(lane[:, None] + np.array(SIDES) + 1, 0, len(fenced) - 1)
+    exists: BoolArray = fenced[places]
     exists[:, OWN] = True
     return exists
 
@@ -184,10 +144,8 @@ def _clear(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> Boo
     """Return whether ``lane`` exists and its gaps are large enough to enter it; shape (R,)."""
     closing_m_s = neighbors.relative_speed_m_s[:, lane] * (-1.0, 1.0)
     needed_m = config.lane_change_gap_m + config.lane_change_time_s * np.maximum(closing_m_s, 0)
-    clear: BoolArray = neighbors.has_lane[:, lane] & (neighbors.gap_m[:, lane] > needed_m).all(
-        axis=1
-    )
-    return clear
+    wide: BoolArray = (neighbors.gap_m[:, lane] > needed_m).all(axis=1)
+    return neighbors.has_lane[:, lane] & wide
 
 
 def _gain(neighbors: Surroundings, lane: int, config: FiniteStateConfig) -> FloatArray:
