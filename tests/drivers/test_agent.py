@@ -45,8 +45,13 @@ class Bomb:
         return Path.touch, (self.mark,)
 
 
-def loaded(path: Path) -> Any:
-    return driver_of_agent(path, 27, None, lambda: permit_all)
+def loaded(path: Path, space: Any = None) -> Any:
+    return driver_of_agent(path, 27, space, lambda: permit_all)
+
+
+def refused(path: Path, sentence: str, space: Any = None) -> None:
+    with pytest.raises(CheckpointError, match=sentence):
+        loaded(path, space)
 
 
 @pytest.fixture(scope="module")
@@ -74,15 +79,20 @@ def pickled(value: object) -> dict[str, str]:
     return {":type:": "x", ":serialized:": base64.b64encode(pickle.dumps(value)).decode()}
 
 
+def rigged(source: Path, mark: Path, part: str = "policy_kwargs") -> Path:
+    """A copy beside the mark that leaves it where it is unpickled."""
+    bomb = {part: pickled(Bomb(mark))}
+    return changed(source, mark.with_name("a.zip"), lambda data: data.update(bomb))
+
+
 @pytest.mark.parametrize("part", ["observation_space", "action_space", "lr_schedule", "clip_range"])
 def test_a_bomb_in_a_part_that_needs_no_code_never_explodes(
     part: str, saved: Path, tmp_path: Path
 ) -> None:
     mark = tmp_path / "exploded"
-    path = changed(saved, tmp_path / "a.zip", lambda data: data.update({part: pickled(Bomb(mark))}))
+    path = rigged(saved, mark, part)
     if part.endswith("space"):
-        with pytest.raises(CheckpointError, match=f"has no readable {part} "):
-            loaded(path)
+        refused(path, f"has no readable {part} ")
     else:
         loaded(path).act(ALONE, np.zeros(27, np.float32))
     assert not mark.exists()
@@ -90,9 +100,7 @@ def test_a_bomb_in_a_part_that_needs_no_code_never_explodes(
 
 def test_who_loads_classes_of_the_file_is_warned_before(saved: Path, tmp_path: Path) -> None:
     mark = tmp_path / "exploded"
-    path = changed(
-        saved, tmp_path / "a.zip", lambda data: data.update({"policy_kwargs": pickled(Bomb(mark))})
-    )
+    path = rigged(saved, mark)
     with warnings.catch_warnings():
         warnings.simplefilter("error", DrlAvWarning)
         with pytest.raises(DrlAvWarning, match=r"loaded by running code that it names .*Ctrl-C"):
@@ -120,9 +128,7 @@ def test_no_verb_unpickles_what_it_refuses(
     words: str, saved: Path, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mark = here / "exploded"
-    path = changed(
-        saved, here / "a.zip", lambda data: data.update({"policy_kwargs": pickled(Bomb(mark))})
-    )
+    path = rigged(saved, mark)
     (here / "empty").mkdir()
     assert main(words.format(zip=path, dir=here / "empty").split()) == 1
     error_message(capsys)
@@ -172,37 +178,39 @@ def test_an_encrypted_zip_and_a_bomb_are_one_sentence(saved: Path, tmp_path: Pat
         while (place := data.find(signature, place + 1)) >= 0:
             data[place + offset] |= 1
     (tmp_path / "encrypted.zip").write_bytes(data)
-    with pytest.raises(CheckpointError, match=r"\(it is encrypted\): give the file"):
-        loaded(tmp_path / "encrypted.zip")
+    refused(tmp_path / "encrypted.zip", r"\(it is encrypted\): give the file")
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("data", "{}")
         with archive.open("policy.pth", "w") as part:
             for _ in range(501):
                 part.write(bytes(10**6))
-    with pytest.raises(CheckpointError, match="it unpacks to more than 500 MB"):
-        loaded(tmp_path / "bomb.zip")
+    refused(tmp_path / "bomb.zip", "it unpacks to more than 500 MB")
 
 
 def test_a_small_file_that_asks_for_a_huge_network_gets_none(saved: Path, tmp_path: Path) -> None:
     huge = {"policy_kwargs": {"net_arch": [100_000, 100_000]}}
     path = changed(saved, tmp_path / "a.zip", lambda data: data.update(huge))
-    with pytest.raises(CheckpointError, match="layers of 100000, 100000 units, which need more"):
-        loaded(path)
+    refused(path, "layers of 100000, 100000 units, which need more")
+
+
+def learned(env: Any, path: Path, policy: str = "MlpPolicy") -> PPO:
+    """An agent after a short training, which is saved."""
+    model = PPO(policy, env, device="cpu", n_steps=16, batch_size=8, n_epochs=1, seed=1)
+    model.learn(16)
+    model.save(path)
+    return model
 
 
 def trained(wrap: Callable[[Any], Any], path: Path) -> tuple[PPO, Any]:
     env = wrap(HighwayEnv(config=SHORT))
-    model = PPO("MlpPolicy", env, device="cpu", n_steps=16, batch_size=8, n_epochs=1, seed=1)
-    model.learn(16)
-    model.save(path)
+    model = learned(env, path)
     env.close()
     return model, env
 
 
 def test_statistics_beside_the_zip_are_used_and_missing_ones_are_asked_for(tmp_path: Path) -> None:
     model, env = trained(lambda e: VecNormalize(DummyVecEnv([lambda: e])), tmp_path / "a.zip")
-    with pytest.raises(CheckpointError, match=r"with VecNormalize, .* beside it as .*vecnormalize"):
-        loaded(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", r"with VecNormalize, .* beside it as .*vecnormalize")
     env.save(tmp_path / "vecnormalize.pkl")
     driver, differ = loaded(tmp_path / "a.zip"), 0
     for observation in RNG.uniform(-1, 1, (200, 27)).astype(np.float32):
@@ -223,18 +231,14 @@ def test_normalized_observations_within_the_bounds_are_not_taken_for_raw_ones(
             model.learn(20)
             model.save(tmp_path / f"{name}.zip")
     loaded(tmp_path / "raw.zip")
-    with pytest.raises(CheckpointError, match="was trained with VecNormalize, whose statistics"):
-        loaded(tmp_path / "normalized.zip")
+    refused(tmp_path / "normalized.zip", "was trained with VecNormalize, whose statistics")
 
 
 def test_statistics_that_run_code_are_refused(tmp_path: Path) -> None:
     trained(lambda e: VecNormalize(DummyVecEnv([lambda: e])), tmp_path / "a.zip")
     mark = tmp_path / "exploded"
     (tmp_path / "vecnormalize.pkl").write_bytes(pickle.dumps(Bomb(mark)))
-    with pytest.raises(
-        CheckpointError, match=r"vecnormalize\.pkl holds no statistics of VecNormali"
-    ):
-        loaded(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", r"vecnormalize\.pkl holds no statistics of VecNormali")
     assert not mark.exists()
 
 
@@ -250,18 +254,14 @@ def test_statistics_of_another_agent_are_left_alone_with_a_word(tmp_path: Path) 
 
 def test_an_agent_of_normalized_observations_without_statistics_is_refused(tmp_path: Path) -> None:
     trained(NormalizeObservation, tmp_path / "a.zip")
-    with pytest.raises(CheckpointError, match=r"outside the bounds .* NormalizeObservation makes"):
-        loaded(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", r"outside the bounds .* NormalizeObservation makes")
 
 
 def test_an_agent_of_the_wide_observation_is_told_to_drive_with_it(tmp_path: Path) -> None:
     env = HighwayEnv(observation="wide")
     PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    with pytest.raises(
-        CheckpointError,
-        match=r"shape \(132,\) .*: drive with --observation wide \(observation=\), as",
-    ):
-        loaded(tmp_path / "a.zip")
+    sentence = r"shape \(132,\) .*: drive with --observation wide \(observation=\), as"
+    refused(tmp_path / "a.zip", sentence)
 
 
 class Gaps:
@@ -304,17 +304,14 @@ OBSERVATIONS = Gaps(), Named(), Unbounded(), Lane(), ("ego", "own_front", "own_r
 def test_an_agent_of_any_observation_drives_with_it(observation: Any, tmp_path: Path) -> None:
     env = HighwayEnv(config=SHORT, observation=observation)
     policy = "MultiInputPolicy" if isinstance(observation, Named) else "MlpPolicy"
-    model = PPO(policy, env, device="cpu", n_steps=16, batch_size=8, n_epochs=1, seed=1)
-    model.learn(16)
-    model.save(tmp_path / "a.zip")
+    model = learned(env, tmp_path / "a.zip", policy)
     drives = {"config": SHORT, "vehicles": 5, "safety_check": "permit_all", "jobs": 1}
     found = drl_av.evaluate(tmp_path / "a.zip", observation=observation, **drives)
     seen, _ = env.reset(seed=found[0].seed, options={"vehicles": 5})
     rewards, over = [], False
     while not over:
-        seen, reward, terminated, truncated, _ = env.step(
-            int(model.predict(seen, deterministic=True)[0])
-        )
+        action = int(model.predict(seen, deterministic=True)[0])
+        seen, reward, terminated, truncated, _ = env.step(action)
         rewards.append(reward)
         over = terminated or truncated
     env.close()
@@ -326,12 +323,10 @@ def test_statistics_of_an_observation_without_bounds_are_used_or_asked_about(
 ) -> None:
     for kind, policy in ((Unbounded(), "MlpPolicy"), (Named(), "MultiInputPolicy")):
         env = VecNormalize(DummyVecEnv([lambda k=kind: HighwayEnv(config=SHORT, observation=k)]))
-        model = PPO(policy, env, device="cpu", n_steps=16, batch_size=8, n_epochs=1, seed=1)
-        model.learn(16)
-        model.save(tmp_path / "p.zip")
+        model = learned(env, tmp_path / "p.zip", policy)
         env.save(tmp_path / "vecnormalize.pkl")
         env.close()
-        driver = driver_of_agent(tmp_path / "p.zip", 27, kind.space, lambda: permit_all)
+        driver = loaded(tmp_path / "p.zip", kind.space)
         for _ in range(50):
             seen = kind.space.sample() if kind.space.shape is None else RNG.normal(size=3) * 50
             seen = seen if isinstance(seen, dict) else seen.astype(np.float32)
@@ -340,18 +335,15 @@ def test_statistics_of_an_observation_without_bounds_are_used_or_asked_about(
         other = DQN(policy, HighwayEnv(config=SHORT, observation=kind), learning_starts=4)
         other.learn(8)
         other.save(tmp_path / "q.zip")
-        with pytest.raises(CheckpointError, match="does not tell whether it was trained with VecN"):
-            driver_of_agent(tmp_path / "q.zip", 27, kind.space, lambda: permit_all)
+        refused(tmp_path / "q.zip", "does not tell whether it was trained with VecN", kind.space)
 
 
 def test_a_dictionary_with_other_keys_is_another_observation(tmp_path: Path) -> None:
-    PPO("MultiInputPolicy", HighwayEnv(observation=Named()), n_steps=2, batch_size=2).save(
-        tmp_path / "a.zip"
-    )
+    env = HighwayEnv(observation=Named())
+    PPO("MultiInputPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
     for here in ({"other": Gaps.space}, {"gaps": gymnasium.spaces.Box(-1, 1, (4,))}):
         space = gymnasium.spaces.Dict(here)
-        with pytest.raises(CheckpointError, match=r"with Dict\('gaps': .*, but drives with Dict\("):
-            driver_of_agent(tmp_path / "a.zip", 27, space, lambda: permit_all)
+        refused(tmp_path / "a.zip", r"with Dict\('gaps': .*, but drives with Dict\(", space)
 
 
 @pytest.mark.parametrize("most", [0.0, -1.0])
@@ -359,27 +351,22 @@ def test_an_agent_of_rescaled_observations_is_refused(tmp_path: Path, most: floa
     """A wrapper that keeps the shape changes the bounds alone."""
     env = RescaleObservation(HighwayEnv(config=SHORT), np.float32(most), np.float32(1.0))
     PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    with pytest.raises(CheckpointError, match="RescaleObservation or another wrapper makes them"):
-        loaded(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", "RescaleObservation or another wrapper makes them")
     own = HighwayEnv(config=SHORT, observation=Gaps())
     rescaled = RescaleObservation(own, np.float32(most), np.float32(1.0))
     PPO("MlpPolicy", rescaled, n_steps=2, batch_size=2).save(tmp_path / "b.zip")
-    with pytest.raises(
-        CheckpointError, match=r"was trained with Box\(.*, but drives with Box\(-250"
-    ):
-        driver_of_agent(tmp_path / "b.zip", 27, Gaps.space, lambda: permit_all)
+    sentence = r"was trained with Box\(.*, but drives with Box\(-250"
+    refused(tmp_path / "b.zip", sentence, Gaps.space)
 
 
 def test_an_agent_of_another_observation_is_told_to_name_its_own(tmp_path: Path) -> None:
     with HighwayEnv(config=SHORT, observation=("ego", "own_front")) as env:
         PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    with pytest.raises(CheckpointError, match=r"observation of its training \(evaluate --ob"):
-        loaded(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", r"observation of its training \(evaluate --ob")
     way = SHORT.updated("observation", way=True)
     with HighwayEnv(config=way) as env:
         PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "b.zip")
-    with pytest.raises(CheckpointError, match=r"set observation\.way as in its training"):
-        loaded(tmp_path / "b.zip")
+    refused(tmp_path / "b.zip", r"set observation\.way as in its training")
 
 
 def test_stacked_frames_have_a_remedy_that_helps(tmp_path: Path) -> None:
@@ -392,13 +379,11 @@ def test_stacked_frames_have_a_remedy_that_helps(tmp_path: Path) -> None:
 
 def test_gymnasium_stacks_frames_in_another_shape(tmp_path: Path) -> None:
     def stacked(env: HighwayEnv) -> Any:
-        return gymnasium.wrappers.FlattenObservation(
-            gymnasium.wrappers.FrameStackObservation(env, 3)
-        )
+        frames = gymnasium.wrappers.FrameStackObservation(env, 3)
+        return gymnasium.wrappers.FlattenObservation(frames)
 
     trained(stacked, tmp_path / "a.zip")
-    with pytest.raises(CheckpointError, match="these are 3 stacked observations"):
-        loaded(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", "these are 3 stacked observations")
 
 
 def test_a_warning_is_one_line_of_the_command(here: Path) -> None:

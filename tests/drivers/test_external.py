@@ -5,6 +5,7 @@ import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -154,20 +155,6 @@ def test_a_path_with_a_colon_is_no_factory() -> None:
     assert not any(map(is_factory, ("C:/runs", "a:b:c", "a.b", ":c", "a:", "runs/a:b")))
 
 
-@pytest.mark.parametrize("agent", [DQN, PPO])
-def test_an_agent_of_stable_baselines3_decides_as_it_predicts(
-    agent: type[DQN] | type[PPO], tmp_path: Path
-) -> None:
-    with HighwayEnv() as env:
-        model = agent("MlpPolicy", env, device="cpu")
-        model.save(tmp_path / "agent.zip")
-    driver = driver_of_agent(tmp_path / "agent.zip", 27, None, lambda: permit_all)
-    for seed in range(20):
-        observation = np.random.default_rng(seed).uniform(-1, 1, 27).astype(np.float32)
-        wanted = int(model.predict(observation, deterministic=True)[0])
-        assert driver.act(ALONE, observation).number == wanted
-
-
 def test_a_masked_agent_chooses_what_the_check_permits(tmp_path: Path) -> None:
     from sb3_contrib import MaskablePPO
 
@@ -199,36 +186,46 @@ def test_an_agent_of_another_environment_and_a_file_that_is_none_are_refused(
     tmp_path: Path,
 ) -> None:
     PPO("MlpPolicy", "CartPole-v1", device="cpu").save(tmp_path / "cart.zip")
-    with pytest.raises(
-        CheckpointError, match=r"shape \(4,\) and 2 actions, but drives with \(27,\)"
-    ):
+    others = r"shape \(4,\) and 2 actions, but drives with \(27,\)"
+    with pytest.raises(CheckpointError, match=others):
         driver_of_agent(tmp_path / "cart.zip", 27, None, lambda: permit_all)
     (tmp_path / "none.zip").write_bytes(b"PK no zip")
     with pytest.raises(CheckpointError, match="no agent that stable-baselines3 saved"):
         driver_of_agent(tmp_path / "none.zip", 27, None, lambda: permit_all)
 
 
-def network(
+FLOAT = TensorProto.FLOAT
+OBSERVATIONS = helper.make_tensor_value_info("s", FLOAT, ["rows", 27])
+VALUES = helper.make_tensor_value_info("q", FLOAT, ["rows", 12])
+
+
+def save(
     path: Path,
-    inputs: int,
-    outputs: int = 12,
-    rows: int | str = "rows",
-    kind: int = TensorProto.FLOAT,
+    node: onnx.NodeProto,
+    constants: dict[str, np.ndarray],
+    given: onnx.ValueInfoProto = OBSERVATIONS,
+    values: onnx.ValueInfoProto = VALUES,
+    **external: Any,
 ) -> Path:
-    """An ONNX network whose values are the first ones of its inputs."""
-    given = [helper.make_tensor_value_info("s", kind, [rows, inputs])]
-    values = [helper.make_tensor_value_info("q", kind, [rows, outputs])]
-    places = onnx.numpy_helper.from_array(np.arange(outputs), "places")
-    node = helper.make_node("Gather", ["s", "places"], ["q"], axis=1)
-    graph = helper.make_graph([node], "first_12", given, values, [places])
+    """Save an ONNX network of one node."""
+    tensors = [onnx.numpy_helper.from_array(array, name) for name, array in constants.items()]
+    graph = helper.make_graph([node], "g", [given], [values], tensors)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    onnx.save(model, str(path))
+    onnx.save(model, str(path), **external)
     return path
 
 
-def test_a_network_of_the_users_own_chooses_the_greatest_value(
-    tmp_path: Path,
-) -> None:
+def network(
+    path: Path, inputs: int, outputs: int = 12, rows: int | str = "rows", kind: int = FLOAT
+) -> Path:
+    """An ONNX network whose values are the first ones of its inputs."""
+    node = helper.make_node("Gather", ["s", "places"], ["q"], axis=1)
+    shapes = {"s": [rows, inputs], "q": [rows, outputs]}
+    ports = (helper.make_tensor_value_info(name, kind, shape) for name, shape in shapes.items())
+    return save(path, node, {"places": np.arange(outputs)}, *ports)
+
+
+def test_a_network_of_the_users_own_chooses_the_greatest_value(tmp_path: Path) -> None:
     driver = OnnxDriver(network(tmp_path / "own.onnx", 27))
     observation = OBSERVATION.copy()
     observation[[7, 20]] = 1.0, 2.0
@@ -266,22 +263,12 @@ def test_a_network_that_cannot_run_on_one_observation_is_refused_when_it_is_read
 def test_weights_in_another_file_are_those_beside_the_network(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    node = helper.make_node("Gemm", ["s", "zeros", "bias"], ["q"])
+    beside = {"save_as_external_data": True, "location": "weights", "size_threshold": 0}
     for folder, best in (("model", 4), ("elsewhere", 9)):
         (tmp_path / folder).mkdir()
-        bias = onnx.numpy_helper.from_array(np.eye(12, dtype=np.float32)[best], "bias")
-        zeros = onnx.numpy_helper.from_array(np.zeros((27, 12), np.float32), "zeros")
-        node = helper.make_node("Gemm", ["s", "zeros", "bias"], ["q"])
-        given = [helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", 27])]
-        values = [helper.make_tensor_value_info("q", TensorProto.FLOAT, ["rows", 12])]
-        graph = helper.make_graph([node], "g", given, values, [bias, zeros])
-        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-        onnx.save(
-            model,
-            str(tmp_path / folder / "own.onnx"),
-            save_as_external_data=True,
-            location="weights",
-            size_threshold=0,
-        )
+        weights = {"bias": np.eye(12, dtype=np.float32)[best], "zeros": np.zeros((27, 12), "f4")}
+        save(tmp_path / folder / "own.onnx", node, weights, **beside)
     monkeypatch.chdir(tmp_path / "elsewhere")
     driver = OnnxDriver(Path("../model/own.onnx"))
     assert driver.act(ALONE, OBSERVATION).number == 4
@@ -289,37 +276,16 @@ def test_weights_in_another_file_are_those_beside_the_network(
 
 def endless(path: Path) -> Path:
     """A network that adds 1 without an end."""
-    some = [
-        helper.make_tensor_value_info(name, kind, shape)
-        for name, kind, shape in (
-            ("i", TensorProto.INT64, []),
-            ("go", TensorProto.BOOL, []),
-            ("x", TensorProto.FLOAT, ["rows", 27]),
-        )
+    kinds = {"i": (TensorProto.INT64, []), "go": (TensorProto.BOOL, []), "x": (FLOAT, ["rows", 27])}
+    kinds |= {"go_on": kinds["go"], "y": kinds["x"]}
+    *some, go_on, y = (helper.make_tensor_value_info(name, *kind) for name, kind in kinds.items())
+    nodes = [
+        helper.make_node("Identity", ["go"], ["go_on"]),
+        helper.make_node("Tanh", ["x"], ["y"]),
     ]
-    body = helper.make_graph(
-        [
-            helper.make_node("Identity", ["go"], ["go_on"]),
-            helper.make_node("Tanh", ["x"], ["y"]),
-        ],
-        "body",
-        some,
-        [
-            helper.make_tensor_value_info("go_on", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("y", TensorProto.FLOAT, ["rows", 27]),
-        ],
-    )
+    body = helper.make_graph(nodes, "body", some, [go_on, y])
     node = helper.make_node("Loop", ["most", "true", "s"], ["q"], body=body)
-    made = [helper.make_tensor_value_info("q", TensorProto.FLOAT, ["rows", 12])]
-    constants = [
-        onnx.numpy_helper.from_array(np.array(value), name)
-        for name, value in (("true", True), ("most", 2**62))
-    ]
-    given = [helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", 27])]
-    graph = helper.make_graph([node], "g", given, made, constants)
-    opset = helper.make_opsetid("", 17)
-    onnx.save(helper.make_model(graph, opset_imports=[opset], ir_version=8), str(path))
-    return path
+    return save(path, node, {"true": np.array(True), "most": np.array(2**62)})
 
 
 def test_a_network_without_an_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,13 +313,9 @@ def test_a_network_without_an_end_can_be_interrupted(tmp_path: Path) -> None:
 
 
 def test_a_network_of_text_is_one_sentence(tmp_path: Path) -> None:
-    path = tmp_path / "text.onnx"
-    text = onnx.numpy_helper.from_array(np.array([["a"] * 12], dtype=object), "text")
-    given = helper.make_tensor_value_info("s", TensorProto.FLOAT, ["rows", 27])
-    made = helper.make_tensor_value_info("q", TensorProto.STRING, ["rows", 12])
     node = helper.make_node("Identity", ["text"], ["q"])
-    graph = helper.make_graph([node], "g", [given], [made], [text])
-    opset = helper.make_opsetid("", 17)
-    onnx.save(helper.make_model(graph, opset_imports=[opset], ir_version=8), str(path))
+    made = helper.make_tensor_value_info("q", TensorProto.STRING, ["rows", 12])
+    text = {"text": np.array([["a"] * 12], dtype=object)}
+    path = save(tmp_path / "text.onnx", node, text, values=made)
     with pytest.raises(CheckpointError, match="does not decide"):
         OnnxDriver(path)

@@ -31,23 +31,15 @@ TESTS = Path(__file__).parents[2]
 OTHER = 1
 
 
-def mixed(
-    finite_state: float,
-    level_0: float,
-    level_1: float,
-    hard_braking: float = 0.0,
-    level_2: float = 0.0,
-    decisions: int = 60,
-) -> Config:
-    config = Config().updated("simulation", decisions_per_episode=decisions)
-    return config.updated(
-        "traffic",
-        finite_state_share=finite_state,
-        level_0_share=level_0,
-        level_1_share=level_1,
-        hard_braking_share=hard_braking,
-        level_2_share=level_2,
-    )
+KINDS = ("finite_state", "level_0", "level_1", "hard_braking", "level_2")
+
+
+def mixed(*shares: float) -> Config:
+    """Short episodes with these shares of the kinds of drivers, in their order."""
+    none = {f"{kind}_share": 0.0 for kind in KINDS}
+    given = dict(zip(none, shares, strict=False))
+    config = Config().updated("simulation", decisions_per_episode=60)
+    return config.updated("traffic", **none | given)
 
 
 MIX = mixed(0.2, 0.2, 0.2, 0.1, 0.1)
@@ -106,11 +98,8 @@ def test_who_wants_to_continue_into_a_vehicle_that_brakes_to_a_stop_is_stopped_b
     placed: Placed,
 ) -> None:
     # 35 m behind it, which comes to rest after 25 m more; 20 m/s need 50 m at 4 m/s2
-    vehicles = (
-        PlacedVehicle("behind", 1, 50.0, 20.0, 40.0),
-        PlacedVehicle("ahead", 1, 90.0, 15.0, 40.0),
-    )
-    simulation, shot = placed(*vehicles)
+    ahead = PlacedVehicle("ahead", 1, 90.0, 15.0, 40.0)
+    simulation, shot = placed(PlacedVehicle("behind", 1, 50.0, 20.0, 40.0), ahead)
     hardest = 0.0
     for _ in range(12):
         before = shot.speed_m_s[1]
@@ -126,13 +115,11 @@ def test_behind_a_vehicle_that_brakes_fully_all_stop_without_touching_it(
     placed: Placed, ours: bool
 ) -> None:
     # 50 m behind, SUMO's IDM brakes so late that its 4 m/s2 end 1 m too far
-    vehicles = (
-        PlacedVehicle("behind", 1, 50.0, 20.0, 40.0),
-        PlacedVehicle("ahead", 1, 105.0, 20.0, 40.0),
-    )
+    behind = PlacedVehicle("behind", 1, 50.0, 20.0, 40.0)
+    ahead = PlacedVehicle("ahead", 1, 105.0, 20.0, 40.0)
     brisk = {"headway_min_s": 0.8, "headway_max_s": 0.8}
     brisk |= {"acceleration_min_m_s2": 2.0, "acceleration_max_m_s2": 2.0}
-    simulation, _ = placed(*vehicles, **brisk, finite_state_share=float(ours))
+    simulation, _ = placed(behind, ahead, **brisk, finite_state_share=float(ours))
     for second in range(15):
         wishes = [(1, 2.0, 0)] if ours else []
         shot = decide(simulation, *wishes, (2, -2.0 if second < 2 else -4.0, 0))
@@ -157,11 +144,8 @@ def test_a_lane_change_takes_5_s_at_0_76_m_s_and_ends_on_the_centre(
 def test_a_lane_change_into_another_vehicle_waits_until_there_is_room(
     placed: Placed, ahead_m: float
 ) -> None:
-    vehicles = (
-        PlacedVehicle("other", 1, 50.0, 20.0, 40.0),
-        PlacedVehicle("beside", 2, 50.0 + ahead_m, 20.0, 40.0),
-    )
-    simulation, _ = placed(*vehicles)
+    beside = PlacedVehicle("beside", 2, 50.0 + ahead_m, 20.0, 40.0)
+    simulation, _ = placed(PlacedVehicle("other", 1, 50.0, 20.0, 40.0), beside)
     for second in range(10):
         shot = decide(simulation, (1, 0.0, 1), (2, 0.0, 0))
         between_m, aside_m = abs(shot.s_m[2] - shot.s_m[1]), shot.y_m[2] - shot.y_m[1]
@@ -189,11 +173,8 @@ def test_on_the_way_to_another_lane_no_lane_change_is_asked_for_by_wish_or_at_ra
 
 def test_without_a_command_no_vehicle_leaves_a_slow_lane(placed: Placed) -> None:
     # SUMO's own drivers overtake here
-    vehicles = (
-        PlacedVehicle("fast", 1, 50.0, 20.0, 40.0),
-        PlacedVehicle("slow", 1, 80.0, 10.0, 10.0),
-    )
-    simulation, _ = placed(*vehicles)
+    slow = PlacedVehicle("slow", 1, 80.0, 10.0, 10.0)
+    simulation, _ = placed(PlacedVehicle("fast", 1, 50.0, 20.0, 40.0), slow)
     for _ in range(15):
         shot = decide(simulation, (1, 2.0, 0), (2, 0.0, 0))
         assert shot.y_m[1:].tolist() == [CENTER, CENTER]
@@ -241,14 +222,12 @@ def test_a_mix_is_one_of_all_kinds_and_decides_on_the_snapshot_that_the_ego_sees
 
 
 def test_level_2_drives_by_its_own_network() -> None:
-    shot = None
     found = []
     for level_1, level_2 in ((1.0, 0.0), (0.0, 1.0)):
-        with closing(HighwayEnv(config=mixed(0, 0, level_1, level_2=level_2))) as env:
+        with closing(HighwayEnv(config=mixed(0, 0, level_1, 0, level_2))) as env:
             env.reset(seed=3, options={"vehicles": 30})
             shot = env.scene.snapshot
             found.append(env.traffic_drivers(shot).acceleration_m_s2)
-    assert shot is not None
     wanted, driver = [], load_level_k(ROAD, 2)
     units = np.empty((2, driver.units), np.float32)
     for row in range(1, 31):
