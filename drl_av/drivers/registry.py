@@ -14,18 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 from drl_av.config import Config, TrafficConfig
 from drl_av.config.functions import is_factory
-from drl_av.config.presets import PRESETS, as_config
+from drl_av.config.presets import as_config
 from drl_av.config.section import did_you_mean
 from drl_av.drivers import policy_file
 from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
 from drl_av.drivers.groups import trainings_of
-from drl_av.drivers.learned import (
-    LearnedDriver,
-    load_learned,
-    require_same_observation,
-)
+from drl_av.drivers.learned import LearnedDriver, load_learned, require_same_observation
 from drl_av.drivers.masked_policy import actor_driver, is_actor, load_actor
 from drl_av.drivers.network import Layers
 from drl_av.drivers.onnx import exported_config
@@ -105,8 +101,7 @@ class DriverSpec:
     def learned(self) -> "tuple[LearnedDriver, Config] | None":
         """The driver and the config of its training, read once; None if it has no Q-networks.
 
-        Raises:
-            RunError, CheckpointError: as ``load_learned``.
+        Raises the errors of ``load_learned``.
         """
         if self.run is None or self.is_external or self.actor is not None:
             return None
@@ -116,8 +111,7 @@ class DriverSpec:
     def actor(self) -> "tuple[Layers, Config] | None":
         """The layers and the config of a training at scale, read once; None for other drivers.
 
-        Raises:
-            RunError, CheckpointError: as ``load_learned``.
+        Raises the errors of ``load_learned``.
         """
         if self.run is None or self.is_external:
             return None
@@ -128,8 +122,7 @@ class DriverSpec:
     def trained_with(self) -> Config | None:
         """The config of the driver's training, also of one that was exported to ONNX, or None.
 
-        Raises:
-            RunError, CheckpointError: as ``load_learned``.
+        Raises the errors of ``load_learned``.
         """
         if self.is_external and self.run is not None:
             return exported_config(self.run) if self.run.suffix.lower() == ".onnx" else None
@@ -290,11 +283,6 @@ def warn_of_checks(specs: Sequence[DriverSpec], check: str) -> None:
             DrlAvWarning,
             stacklevel=2,
         )
-
-
-def is_complete(given: object) -> bool:
-    """Return whether an argument ``config`` replaces all settings: a Config or a preset's name."""
-    return isinstance(given, Config) or (isinstance(given, str) and given in PRESETS)
 
 
 def driving_config(

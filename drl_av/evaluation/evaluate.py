@@ -9,13 +9,13 @@ from types import MappingProxyType
 from typing import Any, SupportsIndex, TypeGuard, overload
 
 from drl_av.config import Config
+from drl_av.config.presets import PRESETS
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import require_driver
 from drl_av.drivers.registry import (
     DriverSpec,
     driving_config,
     find_drivers,
-    is_complete,
     warn_of_checks,
 )
 from drl_av.env.custom import CustomParts, with_check
@@ -158,7 +158,8 @@ def evaluate(
     settings = driving_config(specs, config, traffic)
     settings = with_scenario(settings, scenario, traffic)
     settings, own_check = with_check(settings, safety_check)
-    if safety_check is None and not is_complete(config):
+    is_complete = isinstance(config, Config) or (isinstance(config, str) and config in PRESETS)
+    if safety_check is None and not is_complete:
         warn_of_checks(specs, settings.safety.check)
     metrics = CriticalityMetrics if criticality else EpisodeMetrics
     seeds = range(seed, seed + episodes)
