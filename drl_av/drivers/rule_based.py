@@ -57,8 +57,17 @@ class IdmSumoDriver(IdmDriver):
         """Return the IDM's longitudinal action, with the lane change that SUMO's model demands.
 
         A lane change in progress is always completed.
+
+        Raises:
+            ConfigError: no SUMO is asked in this scene, as in the twin.
         """
-        sign = scene.snapshot.sumo_lane_change if scene.lane_change is None else 0
+        wanted = scene.snapshot.sumo_lane_change
+        if wanted is None:
+            raise ConfigError(
+                "idm-sumo changes lanes as SUMO asks the ego to, which only the environment in "
+                "SUMO reads: take idm-mobil."
+            )
+        sign = wanted if scene.lane_change is None else 0
         return super().act(scene, observation)._replace(lateral=toward(sign))
 
 

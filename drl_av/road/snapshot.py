@@ -60,8 +60,9 @@ class Snapshot(NamedTuple):
     """Lateral velocity, left positive."""
     length_m: FloatArray
     width_m: FloatArray
-    sumo_lane_change: int = 0
-    """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none."""
+    sumo_lane_change: int | None = None
+    """The lane change that SUMO's model would make with the ego: +1 left, -1 right, 0 none; None
+    where no SUMO is asked, as in the twin."""
 
     def of_rows(self, rows: Sequence[int]) -> "Snapshot":
         """Return the snapshot of the vehicles in some rows, in the order of these."""

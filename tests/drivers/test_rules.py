@@ -12,6 +12,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.rule_based import IdmDriver, IdmSumoDriver, RandomDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
+from drl_av.errors import ConfigError
 from drl_av.safety.check import Rule
 from drl_av.safety.paper import paper
 
@@ -84,6 +85,13 @@ def test_idm_never_proposes_what_the_check_would_slow_down(world: Scene) -> None
 def test_idm_sumo_changes_lanes_as_sumo_requests(wish: int, lateral: Lateral) -> None:
     world = scene(ahead(15.1, CENTER, 15.0), wish=wish)
     assert act(IdmSumoDriver(CONFIG), world) == Action(lateral, MAINTAIN)
+
+
+def test_idm_sumo_is_refused_where_no_sumo_is_asked() -> None:
+    world = scene()
+    unasked = world.snapshot._replace(sumo_lane_change=None)
+    with pytest.raises(ConfigError, match="only the environment in SUMO reads: take idm-mobil"):
+        act(IdmSumoDriver(CONFIG), replace(world, snapshot=unasked))
 
 
 def test_idm_sumo_lets_a_lane_change_run_whatever_sumo_wishes_meanwhile() -> None:

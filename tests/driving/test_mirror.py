@@ -33,7 +33,7 @@ def mirrored(world: Scene) -> Scene:
         -shot.lateral_speed_m_s,
         shot.length_m,
         shot.width_m,
-        -shot.sumo_lane_change,
+        -(shot.sumo_lane_change or 0),
     )
     running = world.lane_change
     if running is not None:

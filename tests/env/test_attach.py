@@ -465,7 +465,6 @@ def test_the_user_s_own_check_decides(net: Path) -> None:
             r"drives 20 m/s, but ego.max_speed_m_s is 19: raise that, .*: 21\}\}",
         ),
         ("", {"driver": "sumo"}, "SUMO drives the vehicle already"),
-        ("", {"driver": "idm-sumo"}, "lane changes of idm-sumo: attach idm-mobil instead"),
         (
             *("", {"driver": drl_av.load_driver("sumo"), "config": {"driver": {"hold_s": 2.0}}}),
             "SUMO drives the vehicle already",
