@@ -111,15 +111,15 @@ def keeping_kind(named: str | None, base: Config | None, config: Config) -> Conf
     """
     if named is None or base is None:
         return config
-    other = f"traffic.presets = {[*config.traffic.presets]}"
-    is_other = config.traffic.presets != base.traffic.presets
-    for kind in SINGLE_PRESETS if not is_other and not base.traffic.presets else ():
-        of_kind, own = asdict(base.with_traffic(kind).traffic), asdict(base.traffic)
-        found = asdict(config.traffic)
-        telling = [name for name in of_kind if of_kind[name] != own[name]]
-        if telling and all(found[name] == of_kind[name] for name in telling):
-            other, is_other = f"the traffic {kind}", True
-    if is_other:
+    own, found, other = asdict(base.traffic), asdict(config.traffic), ""
+    if found["presets"] != own["presets"]:
+        other = f"traffic.presets = {[*config.traffic.presets]}"
+    elif not own["presets"]:
+        for kind in SINGLE_PRESETS:
+            telling = asdict(base.with_traffic(kind).traffic).items() - own.items()
+            if telling and telling <= found.items():
+                other = f"the traffic {kind}"
+    if other:
         raise ConfigError(
             f"The traffic is {named}, but the settings beside it have {other}: leave the traffic "
             f'out, or name it behind them (-o traffic.kind={named}; in Python kind="{named}" in '
