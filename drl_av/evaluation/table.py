@@ -39,7 +39,7 @@ from drl_av.files import (
 
 TYPES: Mapping[str, Any] = {
     name: PlainNumber if kind in (int, float) else kind
-    for name, kind in column_types(EpisodeResult).items()
+    for name, kind in column_types(CriticalityResult).items()
 }
 """The type of each column of an episode; counts may be fractions, as in a table of means."""
 

@@ -203,3 +203,13 @@ def test_the_command_and_the_function_add_the_columns_in_one_and_in_two_processe
     given = {"vehicles": 20, "episodes": 2, "seed": 800_000, "config": settings}
     rows = drl_av.evaluate("idm-mobil", criticality=True, **given)  # type: ignore[arg-type]
     assert [list(map(str, row.cells().values())) for row in rows] == second[1:]
+
+
+def test_a_table_with_an_ego_that_met_nobody_takes_more_drivers(tmp_path: Path) -> None:
+    table = tmp_path / "table.csv"
+    words = ["evaluate", "--vehicles", "0", "--episodes", "1", "--criticality"]
+    words += ["-o", "simulation.decisions_per_episode=3", "--out", str(table)]
+    for driver in ("idm", "idm-mobil"):
+        assert main([*words, "--driver", driver]) == 0
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert {row["driver"]: row["min_pet_s"] for row in rows} == {"idm": "inf", "idm-mobil": "inf"}
