@@ -272,7 +272,7 @@ class Fleet:
 
     def _enter(self, entering: Population) -> Population:
         """Add vehicles behind the others; return them with what their types state."""
-        types = [*islice(self._types, len(entering.ids))]
+        types, entering = self._with_types(entering)
         length_m, width_m = self._sizes_m(types, entering.is_truck)
         entering = self._with_stated(entering, types, length_m)
         self.ids, self.type_ids = (*self.ids, *entering.ids), [*self.type_ids, *types]
@@ -284,9 +284,15 @@ class Fleet:
     def _describe(self, population: Population) -> None:
         """Set the vehicles at the start of an episode, their types and their sizes."""
         self.ids = population.ids
-        self.type_ids = [*islice(self._types, len(self.ids))]
+        self.type_ids, population = self._with_types(population)
         self.length_m, self.width_m = self._sizes_m(self.type_ids, population.is_truck)
         self.population = self._with_stated(population, self.type_ids, self.length_m)
+
+    def _with_types(self, population: Population) -> tuple[list[str], Population]:
+        """Draw the types of vehicles; those of the user's types are not trucks of ``traffic``."""
+        types = [*islice(self._types, len(population.ids))]
+        is_truck = population.is_truck & np.array([name == "traffic" for name in types])
+        return types, replace(population, is_truck=is_truck)
 
     def _with_stated(
         self, population: Population, type_ids: Sequence[str], length_m: FloatArray

@@ -12,6 +12,7 @@ from plain_sumo import states
 from runs import refused_scenario
 
 from drl_av.cli import main
+from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.random_streams import Stream, generator
@@ -80,6 +81,21 @@ def test_sumo_drives_each_vehicle_with_its_type_and_the_snapshot_has_its_size(fo
         assert (shot.length_m[row], shot.width_m[row]) == SIZES_M[found[row]]
         assert sumo.vehicle.getLength(name) == shot.length_m[row]
     assert sumo.vehicletype.getParameter("taxi", "carFollowModel") in ("", "Krauss")
+    env.close()
+
+
+def test_the_trucks_of_a_kind_of_traffic_are_among_vehicles_of_no_type_of_the_user(
+    folder: Path,
+) -> None:
+    config = Config().with_traffic("naturalistic")  # a tenth are trucks of 12 m
+    env = HighwayEnv(folder, config=config)
+    env.reset(seed=4, options={"vehicles": 30})
+    sumo, shot = env.simulation._sumo, env.scene.snapshot
+    kinds = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
+    sizes = zip(kinds, shot.length_m.tolist(), shot.width_m.tolist(), strict=True)
+    trucks = ("traffic", 12.0, 2.5)
+    assert {*sizes} == {trucks, *((kind, *size) for kind, size in SIZES_M.items())}
+    assert shot.length_m.tolist() == [*map(sumo.vehicle.getLength, shot.ids)]
     env.close()
 
 
