@@ -12,7 +12,7 @@ from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import require_driver
 from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, make_drivers
-from drl_av.drivers.rule_based import SumoDriver
+from drl_av.drivers.rule_based import IdmSumoDriver, SumoDriver
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan
 from drl_av.driving.observation_scale import ObservationScale
@@ -96,8 +96,11 @@ def attach(
         check = custom_check(own_check, settings)
     if isinstance(driver, str | Path):
         [driver] = make_drivers(specs, settings, check).values()
-    if isinstance(driver, SumoDriver):
-        raise ConfigError("SUMO drives the vehicle already: attach a driver that has actions.")
+    if isinstance(driver, SumoDriver | IdmSumoDriver):
+        raise ConfigError(
+            "sumo, sumo-tuned and idm-sumo leave lane changes to SUMO, which no longer drives the "
+            "vehicle: attach gap-mobil, idm-mobil or a learned driver."
+        )
     if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
         driver = SteadyDriver(driver, check, settings)
     return AttachedEgo(around, driver, check, settings)

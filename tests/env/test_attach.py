@@ -464,10 +464,11 @@ def test_the_user_s_own_check_decides(net: Path) -> None:
             *("", {"config": {"ego": {"max_speed_m_s": 19.0}}}),
             r"drives 20 m/s, but ego.max_speed_m_s is 19: raise that, .*: 21\}\}",
         ),
-        ("", {"driver": "sumo"}, "SUMO drives the vehicle already"),
+        ("", {"driver": "idm-sumo"}, "attach gap-mobil, idm-mobil or a learned driver"),
+        ("", {"driver": "sumo"}, "leave lane changes to SUMO, which no longer drives"),
         (
             *("", {"driver": drl_av.load_driver("sumo"), "config": {"driver": {"hold_s": 2.0}}}),
-            "SUMO drives the vehicle already",
+            "leave lane changes to SUMO, which no longer drives",
         ),
         ("", {"driver": 3}, r"driver is a int, but must be an object with start\(seed\)"),
         ("", {"driver": Does}, "driver is a type, .*: a class or a function has to be called"),
