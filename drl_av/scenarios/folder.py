@@ -40,8 +40,9 @@ SUMO_FILES = (".sumocfg", ".xml", ".xml.gz")
 LOADING = ("additional-files", "additional", "route-files")
 """The options of SUMO's configuration that name files."""
 OWN_FILES = (
-    'in scenario.toml name detectors with file="NUL", vTypeDistributions, polygons and points of '
-    "interest; all else is for --sumo-options '--additional-files FILE'"
+    'in scenario.toml name detectors with file="NUL", vTypeDistributions with their vTypes '
+    "inside, polygons and points of interest; all else is for --sumo-options='--additional-files "
+    "FILE'"
 )
 
 

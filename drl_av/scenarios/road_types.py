@@ -104,10 +104,10 @@ def unknown_road_type(kind: object) -> ScenarioError:
 
 def _paths(names: Any, folder: Path) -> tuple[str, ...]:
     """Return the paths of files in a folder; raise ScenarioError at a name that is none."""
-    for name in names if isinstance(names, list) else [names]:
+    for name in names if isinstance(names, list) else [None]:
         if not isinstance(name, str) or not name or Path(name).name != name or "," in name:
             raise ScenarioError(
-                f"{FILES} has {name!r}, but must be a list of names of files in the same folder."
+                f"{FILES} is {names!r}, but must be a list of names of files in the same folder."
             )
     return tuple(str(folder / name) for name in names)
 

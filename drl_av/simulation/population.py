@@ -176,14 +176,13 @@ def require_speed_limit(
             fastest["traffic.truck_speed_max_m_s"] = config.traffic.truck_speed_max_m_s
         if config.traffic.fast_share:
             fastest["traffic.fast_speed_m_s"] = config.traffic.fast_speed_m_s
-    for name, speed in () if limits_vary else fastest.items():
-        other = " choose another traffic.kind," if name.startswith("traffic.") else ""
-        if speed > description.speed_limit_m_s:
-            raise ConfigError(
-                f"{name} is {speed:g}, but the scenario's speed_limit_m_s is "
-                f"{description.speed_limit_m_s:g}: lower the setting,{other} "
-                "or write a scenario with a higher limit."
-            )
+    limit_m_s = description.speed_limit_m_s
+    high = [f"{name} is {speed:g}" for name, speed in fastest.items() if speed > limit_m_s]
+    if high and not limits_vary:
+        raise ConfigError(
+            f"{' and '.join(high)}, but the scenario's speed_limit_m_s is {limit_m_s:g}: lower "
+            "each such setting, or write a scenario with a higher limit."
+        )
     for vehicle in description.vehicles:
         if vehicle.id == EGO_ID and vehicle.speed_m_s > config.ego.max_speed_m_s:
             raise ConfigError(

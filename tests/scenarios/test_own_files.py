@@ -102,11 +102,13 @@ def test_a_wrong_number_of_a_type_is_named_when_the_scenario_is_written(
     assert not Path("road").exists()
 
 
-@pytest.mark.parametrize("name", ["../mine.add.xml", "/etc/mine.add.xml", "a,b.add.xml", ""])
-def test_a_scenario_names_files_of_its_own_folder_only(name: str, here: Path) -> None:
+@pytest.mark.parametrize(
+    "names", [["../mine.add.xml"], ["/etc/mine.add.xml"], ["a,b.add.xml"], [""], "mine.add.xml"]
+)
+def test_a_scenario_names_files_of_its_own_folder_only(names: object, here: Path) -> None:
     assert main(["scenario", "road"]) == 0
     Path("road/SHA256SUMS").unlink()
-    Path("road/scenario.toml").write_text(f"additional_files = [{name!r}]\n")
+    Path("road/scenario.toml").write_text(f"additional_files = {names!r}\n")
     with pytest.raises(ScenarioError, match="names of files in the same folder"):
         load_scenario("road")
 

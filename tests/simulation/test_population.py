@@ -343,8 +343,10 @@ def test_a_setting_above_the_speed_limit_is_refused_by_its_name(section: str, se
 def test_placed_vehicles_bring_their_own_desired_speeds_to_a_slower_road() -> None:
     ego = PlacedVehicle("ego", lane=1, position_m=50.0, speed_m_s=20.0, desired_speed_m_s=30.0)
     require_speed_limit(Config(), ScenarioDescription(speed_limit_m_s=31.0, vehicles=(ego,)))
-    with pytest.raises(ConfigError, match="desired_speed_max_m_s is 32"):
+    with pytest.raises(ConfigError, match=r"^traffic\.desired_speed_max_m_s is 32, but"):
         require_speed_limit(Config(), ScenarioDescription(speed_limit_m_s=31.0))
+    with pytest.raises(ConfigError, match=r"^ego\.\S+ is 30 and traffic\.\S+ is 32, but .* 25:"):
+        require_speed_limit(Config(), ScenarioDescription(speed_limit_m_s=25.0))
 
 
 def test_random_lane_changes_come_at_their_rate_for_each_vehicle_and_go_both_ways() -> None:
