@@ -18,11 +18,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.drivers.checked import PolicyDriver
+from drl_av.config import Config
+from drl_av.drivers.checked import NormalizedDriver, PolicyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.safe_pickle import Foreign, is_pickled, part_of_agent, unpickled
 from drl_av.driving.actions import ACTIONS, Action, action_of
-from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS
+from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS, observed_indicators
+from drl_av.driving.observation_scale import indicator_bounds
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.errors import CheckpointError, DrlAvWarning, needed_by
@@ -63,23 +65,8 @@ class MaskedAgent(Driver):
         return action_of(chosen)
 
 
-class NormalizedDriver(Driver):
-    """A driver that observes what ``normalize`` makes of an observation."""
-
-    def __init__(self, driver: Driver, normalize: Callable[[Any], Any]) -> None:
-        self._driver, self._normalize = driver, normalize
-
-    def start(self, seed: int) -> None:
-        """Start the inner driver."""
-        self._driver.start(seed)
-
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the inner driver's action for the normalized observation."""
-        return self._driver.act(scene, self._normalize(observation))
-
-
 def driver_of_agent(
-    path: Path, observed: int, own: Any | None, check: Callable[[], SafetyCheck]
+    path: Path, config: Config, own: Any | None, check: Callable[[], SafetyCheck]
 ) -> Driver:
     """Load an agent that stable-baselines3 or sb3-contrib saved; the driver acts deterministically.
 
@@ -88,7 +75,7 @@ def driver_of_agent(
 
     Args:
         path: The zip file.
-        observed: Number of indicators in an observation.
+        config: The settings of the environment.
         own: The space of the environment's observations if they are the user's own, else None.
         check: Returns the safety check of the environment, of which MaskablePPO gets the mask.
 
@@ -100,7 +87,7 @@ def driver_of_agent(
     module = _policy_module(path, data)
     library = _library(path, _LIBRARIES[module])
     observes, acts = (_safe(path, data, name) for name in ("observation_space", "action_space"))
-    _require_spaces(path, observes, acts, observed, own)
+    _require_spaces(path, observes, acts, config, own)
     normalize = _normalization(path, data, observes, own)
     policy_class, kwargs = _own_parts(path, data)
     _require_size(path, kwargs, int(np.prod(observes.shape or ())))
@@ -217,17 +204,18 @@ def _own_parts(path: Path, data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]
     return policy_class, dict(kwargs or {})
 
 
-def _require_spaces(path: Path, observes: Any, acts: Any, observed: int, own: Any | None) -> None:
+def _require_spaces(path: Path, observes: Any, acts: Any, config: Config, own: Any | None) -> None:
     """Raise CheckpointError unless an agent has the environment's observations and actions."""
+    observed = len(observed_indicators(config.observation))
     here = (observed,) if own is None else own.shape
     spaces = observes.shape, getattr(acts, "n", None)
     fits = spaces[0] == here if own is None else _is_alike(observes, own)
     if fits and spaces[1] == len(ACTIONS):
-        if own is None and _is_rescaled(observes):
+        if own is None and _has_other_bounds(observes, config):
             raise CheckpointError(
-                f"{path} was trained on observations with bounds that the environment does not "
-                "have, as gymnasium's RescaleObservation or another wrapper makes them: give a "
-                "factory module:function whose driver does what the wrapper did."
+                f"{path} was trained on observations with other bounds: repeat the settings of "
+                "[observation] or the groups of its training, or give a factory module:function "
+                "that does what its wrapper did, such as RescaleObservation."
             )
         return
     remedy = "use PolicyDriver(policy, observe) in Python"
@@ -253,10 +241,16 @@ def _require_spaces(path: Path, observes: Any, acts: Any, observed: int, own: An
     )
 
 
-def _is_rescaled(observes: Any) -> bool:
-    """Whether a wrapper set other bounds: an indicator's are -b and b, and not every b is equal."""
-    low, high = observes.low, observes.high
-    return bool(np.isfinite(high).all() and ((low != -high).any() or (high == high[0]).all()))
+def _has_other_bounds(observes: Any, config: Config) -> bool:
+    """Whether the finite bounds of an agent's indicators are not those that the settings make.
+
+    The bounds of lateral distances are not compared: they depend on the road.
+    """
+    bounds = np.ones(observes.shape, np.float32)
+    bounds[:27] = indicator_bounds(config.observation, config.ego.max_speed_m_s)
+    known = np.isfinite(bounds)
+    equal = (np.allclose(end[known], bounds[known]) for end in (-observes.low, observes.high))
+    return bool(np.isfinite(observes.high).all()) and not all(equal)
 
 
 def _is_alike(observes: Any, here: Any) -> bool:

@@ -13,6 +13,7 @@ from drl_av.config.functions import import_function, require_function
 from drl_av.drivers.agent import driver_of_agent, statistics_file
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.onnx import OnnxDriver
+from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import ConfigError
 from drl_av.safety.check import SafetyCheck
 
@@ -49,11 +50,15 @@ def require_driver(driver: Driver, what: str, name: str) -> None:
     require_function(driver.act, f"The method act of the driver {name!r}", "scene", "observation")
 
 
-LOADERS: dict[str, Callable[[Path, int, Any, Callable[[], SafetyCheck]], Driver]] = {
+def _onnx(path: Path, config: Config, own: Any, check: Callable[[], SafetyCheck]) -> Driver:
+    if own is None:
+        return OnnxDriver(path, len(observed_indicators(config.observation)))
+    return OnnxDriver(path, own.shape[0] if len(own.shape or ()) == 1 else 0)
+
+
+LOADERS: dict[str, Callable[[Path, Config, Any, Callable[[], SafetyCheck]], Driver]] = {
     ".zip": driver_of_agent,
-    ".onnx": lambda path, observed, own, check: OnnxDriver(
-        path, observed if own is None else own.shape[0] if len(own.shape or ()) == 1 else 0
-    ),
+    ".onnx": _onnx,
 }
 """The function that loads a driver from a file; the key is the file's suffix.
 

@@ -35,7 +35,6 @@ from drl_av.drivers.rule_based import (
     SumoDriver,
     require_world,
 )
-from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import ConfigError, DrlAvWarning, printable
 from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
@@ -344,12 +343,10 @@ def make_drivers(
             drivers[name] = spec.own
         elif not spec.is_external:
             drivers[name] = rule_driver(_without_check(name), driven_by)
-    observed = len(observed_indicators(config.observation))
     for spec in specs:  # at the end: a zip file is not loaded if another driver is refused
         if spec.is_external and spec.run is not None:
             load = LOADERS[spec.run.suffix.lower()]
-            its = spec.run, observed, own_observation
-            drivers[spec.name] = load(*its, partial(its_check, spec))
+            drivers[spec.name] = load(spec.run, config, own_observation, partial(its_check, spec))
         if config.driver.hold_s and not isinstance(drivers[spec.name], SumoDriver):
             drivers[spec.name] = SteadyDriver(drivers[spec.name], its_check(spec), config)
     return {spec.name: drivers[spec.name] for spec in specs}

@@ -1,5 +1,7 @@
 """Scales the 27 indicators for the input of the network (ours)."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -23,6 +25,30 @@ def indicator_meaning(name: str) -> str:
     return _MEANINGS[name if name in _MEANINGS else name[-3:]]
 
 
+def indicator_scales(config: ObservationConfig, max_speed_m_s: float) -> FloatArray:
+    """Return the constant by which each indicator is divided, shape (27,)."""
+    lateral = config.lateral_scale_m, config.lateral_speed_scale_m_s
+    vehicle = config.gap_scale_m, config.speed_scale_m_s, *lateral
+    return np.array([*vehicle * 6, max_speed_m_s / 2, *lateral])
+
+
+def indicator_bounds(
+    config: ObservationConfig,
+    max_speed_m_s: float,
+    widest_m: float = math.nan,
+    half_road_m: float = math.nan,
+) -> npt.NDArray[np.float32]:
+    """Return the largest absolute value of each scaled indicator, shape (27,).
+
+    ``widest_m`` and ``half_road_m``, the largest lateral distances of others and of the ego, depend
+    on the road; without them these bounds are nan.
+    """
+    limits = config.range_m, 60.0, widest_m, 4.0
+    ends = np.array([*limits * 6, max_speed_m_s / 2, half_road_m, 4.0])
+    bounds: npt.NDArray[np.float32] = (ends / indicator_scales(config, max_speed_m_s)).astype("f4")
+    return bounds
+
+
 class ObservationScale:
     """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).
 
@@ -32,26 +58,14 @@ class ObservationScale:
     """
 
     def __init__(self, config: ObservationConfig, max_speed_m_s: float, road: Road) -> None:
-        vehicle = (
-            config.gap_scale_m,
-            config.speed_scale_m_s,
-            config.lateral_scale_m,
-            config.lateral_speed_scale_m_s,
-        )
         self.lanes = len(road.open_lanes)
         """Number of lanes of the road."""
         self.road, self.range_m, self.max_speed_m_s = road, config.range_m, max_speed_m_s
         middle_m = road.lane_width_m * (self.lanes - 1) / 2
-        half_speed = max_speed_m_s / 2
-        self.offset = np.array([0.0] * 24 + [half_speed, middle_m, 0.0])
-        self.scale = np.array(
-            [*vehicle * 6, half_speed, config.lateral_scale_m, config.lateral_speed_scale_m_s]
-        )
-        widest_m = road.lane_width_m * (self.lanes + 1)
-        limits = (config.range_m, 60.0, widest_m, 4.0)
-        half_road_m = road.lane_width_m * self.lanes / 2
-        ends = np.array([*limits * 6, half_speed, half_road_m, 4.0]) / self.scale
-        self.bounds: npt.NDArray[np.float32] = ends.astype(np.float32)
+        self.offset = np.array([0.0] * 24 + [max_speed_m_s / 2, middle_m, 0.0])
+        self.scale = indicator_scales(config, max_speed_m_s)
+        widths_m = road.lane_width_m * (self.lanes + 1), road.lane_width_m * self.lanes / 2
+        self.bounds = indicator_bounds(config, max_speed_m_s, *widths_m)
         """Largest absolute value of each scaled indicator, shape (27,)."""
         self._least = -self.bounds
 

@@ -28,8 +28,11 @@ from drl_av.drivers.agent import driver_of_agent
 from drl_av.drivers.safe_pickle import Unpickler
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
+from drl_av.env.observation import GROUPS
 from drl_av.errors import CheckpointError, DrlAvWarning
 from drl_av.safety.check import permit_all
+from drl_av.scenarios.folder import write_scenario
+from drl_av.scenarios.loop import ScenarioDescription
 
 SHORT = Config().updated("simulation", decisions_per_episode=8)
 RNG = np.random.default_rng(5)
@@ -46,7 +49,7 @@ class Bomb:
 
 
 def loaded(path: Path, space: Any = None) -> Any:
-    return driver_of_agent(path, 27, space, lambda: permit_all)
+    return driver_of_agent(path, Config(), space, lambda: permit_all)
 
 
 def refused(path: Path, sentence: str, space: Any = None) -> None:
@@ -351,12 +354,35 @@ def test_an_agent_of_rescaled_observations_is_refused(tmp_path: Path, most: floa
     """A wrapper that keeps the shape changes the bounds alone."""
     env = RescaleObservation(HighwayEnv(config=SHORT), np.float32(most), np.float32(1.0))
     PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    refused(tmp_path / "a.zip", "RescaleObservation or another wrapper makes them")
+    refused(tmp_path / "a.zip", "that does what its wrapper did, such as RescaleObservation")
     own = HighwayEnv(config=SHORT, observation=Gaps())
     rescaled = RescaleObservation(own, np.float32(most), np.float32(1.0))
     PPO("MlpPolicy", rescaled, n_steps=2, batch_size=2).save(tmp_path / "b.zip")
     sentence = r"was trained with Box\(.*, but drives with Box\(-250"
     refused(tmp_path / "b.zip", sentence, Gaps.space)
+
+
+@pytest.mark.parametrize("setting", ["gap_scale_m", "speed_scale_m_s", "range_m"])
+def test_an_agent_that_learned_with_another_scaling_is_refused(
+    setting: str, tmp_path: Path
+) -> None:
+    with HighwayEnv(config=SHORT.updated("observation", **{setting: 50.0})) as env:
+        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", r"repeat the settings of \[observation\] or the groups")
+
+
+def test_an_agent_of_the_same_indicators_in_another_order_is_refused(tmp_path: Path) -> None:
+    with HighwayEnv(config=SHORT, observation=("ego", *[*GROUPS][:6])) as env:
+        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
+    refused(tmp_path / "a.zip", r"or the groups of its training")
+
+
+def test_an_agent_of_a_road_with_more_lanes_drives_on_another(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "wide", ScenarioDescription(lanes=4, circumference_m=600.0))
+    with HighwayEnv(tmp_path / "wide", config=SHORT) as env:
+        assert env.observation_space.high[25] == pytest.approx(2 * env.road.lane_width_m / 3.8)
+        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
+    loaded(tmp_path / "a.zip").act(ALONE, np.zeros(27, np.float32))
 
 
 def test_an_agent_of_another_observation_is_told_to_name_its_own(tmp_path: Path) -> None:

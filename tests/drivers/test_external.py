@@ -165,7 +165,7 @@ def test_a_masked_agent_chooses_what_the_check_permits(tmp_path: Path) -> None:
         model = MaskablePPO("MlpPolicy", env, device="cpu")
         model.save(tmp_path / "agent.ZIP")
     [free, bound] = (
-        driver_of_agent(tmp_path / "agent.ZIP", 27, None, lambda check=check: check)
+        driver_of_agent(tmp_path / "agent.ZIP", Config(), None, lambda check=check: check)
         for check in (permit_all, only)
     )
     assert {bound.act(ALONE, OBSERVATION).number for _ in range(3)} == {7}
@@ -188,10 +188,10 @@ def test_an_agent_of_another_environment_and_a_file_that_is_none_are_refused(
     PPO("MlpPolicy", "CartPole-v1", device="cpu").save(tmp_path / "cart.zip")
     others = r"shape \(4,\) and 2 actions, but drives with \(27,\)"
     with pytest.raises(CheckpointError, match=others):
-        driver_of_agent(tmp_path / "cart.zip", 27, None, lambda: permit_all)
+        driver_of_agent(tmp_path / "cart.zip", Config(), None, lambda: permit_all)
     (tmp_path / "none.zip").write_bytes(b"PK no zip")
     with pytest.raises(CheckpointError, match="no agent that stable-baselines3 saved"):
-        driver_of_agent(tmp_path / "none.zip", 27, None, lambda: permit_all)
+        driver_of_agent(tmp_path / "none.zip", Config(), None, lambda: permit_all)
 
 
 FLOAT = TensorProto.FLOAT
