@@ -96,7 +96,16 @@ class PlannerDriver(Driver):
         self._predicted: dict[str, FloatArray] = {}
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the best of the likeliest permitted actions; ``observation`` is not used."""
+        """Return the best of the likeliest permitted actions; ``observation`` is not used.
+
+        Raises:
+            ConfigError: the scene is on another road than that of the settings.
+        """
+        if scene.road != self._road:
+            raise ConfigError(
+                "The planner was loaded for another road than that of the scene: give load_driver "
+                "the config of the environment."
+            )
         shot = self._visible(scene.snapshot)
         self._beliefs.see(shot)
         speeds = dict(zip(shot.ids, shot.speed_m_s.tolist(), strict=True))

@@ -376,3 +376,7 @@ def test_roads_that_the_twin_lacks_are_refused_in_a_sentence() -> None:
         load_driver("planner", placed)
     with pytest.raises(ConfigError, match="knows no roads that end"):
         load_driver("planner", merge)
+    with HighwayEnv("merge", config=STRICT) as env:
+        observation, _ = env.reset(seed=1)
+        with pytest.raises(ConfigError, match="another road than that of the scene: give load_d"):
+            load_driver("planner").act(env.scene, observation)
