@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -158,7 +159,7 @@ class OwnObservation:
         observation = self._observe(scene)
         try:
             if self.space.contains(observation):
-                return observation
+                return deepcopy(observation)  # the function may fill the same array again
             shape = np.shape(observation)
         except ValueError:  # a ragged sequence
             shape = "of no array"

@@ -46,6 +46,25 @@ class Fails(Speed):
         return np.array([np.nan if self.calls > 1 else 20.0], np.float32)
 
 
+class Refilled(Speed):
+    """Fills the same array at each call."""
+
+    def __init__(self) -> None:
+        self.seen = np.zeros(1, np.float32)
+
+    def __call__(self, scene: Scene) -> np.ndarray[Any, Any]:
+        self.seen[:] = scene.affordances.ego_speed_m_s
+        return self.seen
+
+
+def test_an_object_may_fill_the_same_array_at_each_call() -> None:
+    twin: Any = gymnasium.make_vec("drl_av/Highway-v0", num_envs=2, observation=Refilled())
+    twin.reset(seed=1_000_000)
+    seen, *_, info = twin.step(np.array([1, 3]))  # one accelerates, the other brakes hard
+    assert seen[:, 0] == pytest.approx(info["speed_m_s"])
+    assert seen[0, 0] != seen[1, 0]
+
+
 def test_each_observation_must_lie_in_its_space() -> None:
     with closing(HighwayEnv(observation=Fails())) as env:
         env.reset(seed=1)
