@@ -3,19 +3,21 @@
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, SimulationConfig, TrafficConfig
+from drl_av.config.presets import as_config
 from drl_av.config.section import did_you_mean
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.errors import ConfigError, DrlAvWarning, pluralize
 from drl_av.random_streams import Stream, generator, kind_of_traffic
-from drl_av.scenarios.folder import Scenario
+from drl_av.scenarios.folder import Scenario, with_scenario
 from drl_av.scenarios.layout import Layout
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.simulation import Simulation
@@ -24,6 +26,28 @@ DECISIONS = SimulationConfig().decisions_per_episode
 """The default number of decisions in an episode, N_s of the paper."""
 TRAINING_SEED_RANGE = (1_000_000, 2**31)
 """Range [low, high) of the traffic seeds that a reset draws; evaluations use smaller seeds."""
+
+
+def settings_on(
+    config: Config | Mapping[str, Any] | str | Path | None, scenario: str | Path | None
+) -> Config:
+    """Return the settings of an environment on the road ``scenario``, by default on their own.
+
+    A warning says that the settings name another road than ``scenario``.
+
+    Raises:
+        ConfigError: a setting is wrong, or ``scenario`` is neither a text nor a Path.
+    """
+    given, usual = as_config(config), SimulationConfig().scenario
+    settings, named = with_scenario(given, scenario), with_scenario(given).simulation.scenario
+    if settings.simulation.scenario != named != usual:
+        warnings.warn(
+            f"The environment is on the road {settings.simulation.scenario}, not on {named} of its "
+            "settings: name one of them.",
+            DrlAvWarning,
+            stacklevel=3,
+        )
+    return settings
 
 
 def traffic_seed(seed: int | None, options: Mapping[str, Any], rng: np.random.Generator) -> int:
@@ -97,7 +121,7 @@ def rows_to_reset(mask: Any, worlds: int, begun: bool) -> npt.NDArray[np.intp]:
     """
     if mask is None:
         return np.arange(worlds)
-    wanted = np.asarray(mask)
+    wanted = _as_array(mask)
     if wanted.dtype != np.bool_ or wanted.shape != (worlds,):
         raise ConfigError(
             f"reset_mask must be an array of {worlds} times True or False, one for each world."
@@ -128,13 +152,21 @@ def seeds_of_worlds(seed: Any, worlds: int) -> list[int | None]:
 
 def actions_of_worlds(actions: Any, worlds: int) -> npt.NDArray[np.int64]:
     """Return one action for each world; raise ConfigError unless these are such numbers."""
-    given = np.asarray(actions)
+    given = _as_array(actions)
     right = given.shape == (worlds,) and given.dtype.kind in "iu"
     if not right or given.min() < 0 or given.max() >= len(ACTIONS):
         raise ConfigError(
             f"The actions must be {worlds} whole numbers from 0 to {len(ACTIONS) - 1}."
         )
     return given.astype(np.int64)
+
+
+def _as_array(values: Any) -> npt.NDArray[Any]:
+    """Return an array of the values, an empty one if no array can hold them."""
+    try:
+        return np.asarray(values)
+    except ValueError:  # a ragged sequence
+        return np.empty(0)
 
 
 def is_whole(value: Any) -> bool:

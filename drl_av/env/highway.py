@@ -11,7 +11,6 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from drl_av.config import Config
-from drl_av.config.presets import as_config
 from drl_av.driving.actions import ACTIONS, Action, ego_numbers
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.observation_scale import ObservationScale
@@ -24,6 +23,7 @@ from drl_av.env.episode_start import (
     number_of_vehicles,
     require_range,
     reset_options,
+    settings_on,
     traffic_seed,
     traffic_setups,
 )
@@ -40,7 +40,7 @@ from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import ActionMask, action_mask, mask_of, named_check
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
 from drl_av.safety.strict import Strict
-from drl_av.scenarios.folder import find_scenario, load_scenario, with_scenario
+from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
 
 
@@ -86,11 +86,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                 f"render_mode is {render_mode!r}, but must be None, 'human' or 'rgb_array'."
             )
         self.render_mode = render_mode
-        config = as_config(config)
-        if scenario is not None:
-            config = with_scenario(config, scenario)
-        config, own_check = with_check(config, safety_check)
-        config = with_scenario(config)  # a copy may be made in another working directory
+        config, own_check = with_check(settings_on(config, scenario), safety_check)
         given = None, safety_check, config, render_mode, action_mask, reward, observation
         gymnasium.utils.EzPickle.__init__(self, *given, sumo_options)
         self.config = config

@@ -15,7 +15,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 
 from drl_av.config import Config
-from drl_av.config.presets import as_config
 from drl_av.config.section import not_one_of
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.observation_scale import ObservationScale
@@ -31,6 +30,7 @@ from drl_av.env.episode_start import (
     reset_options,
     rows_to_reset,
     seeds_of_worlds,
+    settings_on,
     traffic_seed,
 )
 from drl_av.env.observation import (
@@ -56,7 +56,6 @@ from drl_av.random_streams import kind_of_traffic
 from drl_av.road.sweep import NO_CONTACT
 from drl_av.safety import named_check
 from drl_av.safety.strict import Strict
-from drl_av.scenarios.folder import with_scenario
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future
 from drl_av.twin.worlds import LANE, MODEL, STEP, IntArray
@@ -115,7 +114,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
                 "make_vec drives in the twin, which has no pictures and no SUMO: leave render_mode "
                 "and sumo_options out, or add vectorization_mode='sync'."
             )
-        config = with_scenario(as_config(config), scenario)
+        config = settings_on(config, scenario)
         if safety_check is not None:
             if not isinstance(safety_check, str):
                 raise ConfigError(

@@ -3,7 +3,9 @@
 import copy
 import pickle
 import shutil
+import warnings
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import libsumo
@@ -16,7 +18,13 @@ from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.errors import ConfigError, DrlAvError, ScenarioError, SimulationError
+from drl_av.errors import (
+    ConfigError,
+    DrlAvError,
+    DrlAvWarning,
+    ScenarioError,
+    SimulationError,
+)
 from drl_av.safety.check import permit_all
 from drl_av.scenarios.folder import (
     ScenarioDescription,
@@ -138,6 +146,17 @@ def test_a_folder_with_the_name_of_a_shipped_scenario_is_named_by_its_path(
     with HighwayEnv(scenario=Path("merge"), config=SHORT) as env:  # a Path is no name
         assert env.road.is_loop
     assert with_scenario(SHORT, "x" * 300).simulation.scenario == "x" * 300
+
+
+def test_a_warning_says_that_the_settings_name_another_road() -> None:
+    for config in ("large-exit", {"simulation": {"scenario": "exit"}}):
+        for make in (gymnasium.make, gymnasium.make_vec):
+            with pytest.warns(DrlAvWarning, match="on the road merge, not on exit of its set"):
+                made: Any = make("drl_av/Merge-v0", config=config)
+            made.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DrlAvWarning)
+        gymnasium.make("drl_av/Merge-v0", config={"simulation": {"scenario": "merge"}}).close()
 
 
 def test_sumo_that_ends_on_its_own_is_reported_and_starts_again_with_the_next_episode() -> None:

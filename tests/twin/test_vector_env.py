@@ -308,12 +308,14 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
     assert scene.indicators.values[:27] == pytest.approx(info["indicators"][1])
 
 
-@pytest.mark.parametrize("actions", [[0], [0, 12], [0, -1], [[0, 0]], [0.0, 1.0]])
+@pytest.mark.parametrize("actions", [[0], [0, 12], [0, -1], [[0, 0]], [0.0, 1.0], [[0], [1, 2]]])
 def test_wrong_actions_are_refused(actions: Any) -> None:
     env = TwinVectorEnv(2)
     env.reset(seed=1)
     with pytest.raises(ConfigError, match="2 whole numbers from 0 to 11"):
-        env.step(np.array(actions))
+        env.step(actions)
+    with pytest.raises(ConfigError, match="2 times True or False"):
+        env.reset(options={"reset_mask": actions})
 
 
 def test_each_episode_draws_one_of_the_kinds_of_traffic_and_is_as_in_that_kind_alone() -> None:
