@@ -94,7 +94,10 @@ def driver_words() -> str:
 
 def add_observation(parser: argparse.ArgumentParser) -> None:
     """Add the option of an observation other than the indicators to a verb that only drives."""
-    observation = "wide, or your own observation as module:name (default: the 27 indicators)"
+    observation = (
+        "wide, or your own observation or tuple of groups as module:name (default: the 27 "
+        "indicators)"
+    )
     add_text(parser, "--observation", "NAME", observation)
 
 

@@ -130,7 +130,10 @@ def custom_observation_of(given: Any) -> Any:
     if not (isinstance(given, str) and is_factory(given)):
         return given
     found = import_function(given, "observation")
-    return found() if isinstance(found, type) else found
+    if not isinstance(found, type):
+        return found
+    require_function(found, f"The observation {given!r}")
+    return found()
 
 
 NOTHING_CUSTOM = CustomParts()

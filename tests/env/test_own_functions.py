@@ -90,6 +90,18 @@ def test_the_function_its_arguments_and_those_that_it_gets_are_named(
     assert str(caught.value) == message
 
 
+class Needy:
+    """An observation that cannot be made without an argument."""
+
+    def __init__(self, size: int) -> None:
+        self.space = gymnasium.spaces.Box(0, 1, (size,))
+
+
+def test_a_class_that_needs_arguments_is_refused_by_its_name() -> None:
+    with pytest.raises(ConfigError, match=r"Needy' is called with \(\), which Needy\(size: int\)"):
+        HighwayEnv(observation=f"{__name__}:Needy")
+
+
 def test_a_class_in_place_of_an_observation_is_refused() -> None:
     with pytest.raises(
         ConfigError, match=r"observation is <class .*, but must be wide, names of groups"
