@@ -17,7 +17,6 @@ from drl_av.road.road import FloatArray
 from studies.learning_curves import MIXED, Curve, curve, reporting_plan
 from studies.options import Options, Plan, Program
 from studies.results import ResultsFolder, markdown_table
-from studies.study import changed
 from studies.trainings import TrainingJob, blocks_of
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ def adaptation_plan(options: Options) -> Plan:
     Because they continue with the experience that the driver collected, it is trained first, in the
     folder in which ``curves`` trains it. This folder contains the folders of the others.
     """
-    trained = options.with_files(changed(Config(), MIXED))
+    trained = options.settings(Config(), MIXED)
     base = options.with_files(adapted(trained))
     configs = {name: base.updated("learning", **settings) for name, settings in CHANGES.items()}
     jobs = []

@@ -29,9 +29,8 @@ from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from drl_av.road.road import Road, is_open
 from drl_av.road.snapshot import CollisionKind
-from studies.options import Call, Options, Plan, Program
+from studies.options import Call, Options, Plan, Program, Settings
 from studies.results import ResultsFolder, markdown_table
-from studies.study import Settings, changed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,7 +102,7 @@ def train_and_evaluate(config: Config) -> list[Row]:
         training, rows = build_training(env), []
         for key in _keys(config):
             episodes = []
-            for seed in range(BLOCK):
+            for seed in range(min(BLOCK, int(key["episode"]))):
                 metrics = BarricadeMetrics(env.road, training.driver)
                 episodes.append(metrics)
                 if key["phase"] == "training":
@@ -130,11 +129,12 @@ def _summed(episodes: Sequence[BarricadeMetrics]) -> Row:
 def _keys(config: Config) -> list[Row]:
     """Return the columns that say the place of each row of a training."""
     own = {"safety_check": config.safety.check, "seed": str(config.learning.seed)}
-    last = EPISODES[config.safety.check]
-    ends = [("training", episode) for episode in range(BLOCK, last + 1, BLOCK)]
+    last = min(EPISODES[config.safety.check], config.learning.episodes)
+    block = min(BLOCK, last)
+    ends = [("training", episode) for episode in range(block, last + 1, block)]
     return [
         {**own, "phase": phase, "episode": str(episode)}
-        for phase, episode in [*ends, ("trained", BLOCK)]
+        for phase, episode in [*ends, ("trained", block)]
     ]
 
 
@@ -156,9 +156,9 @@ def avoided_from(rows: Sequence[Row]) -> int | None:
 
 def barricade_plan(options: Options) -> Plan:
     """Return a plan with one training for each check and seed."""
-    base = options.with_files(changed(preset("paper"), SETTINGS))
+    base = preset("paper")
     configs = [
-        base.updated("safety", check=check).updated("learning", seed=seed)
+        options.settings(base, SETTINGS, {"safety": {"check": check}, "learning": {"seed": seed}})
         for seed in SEEDS[: options.trainings(len(SEEDS))]
         for check in CHECKS
     ]
@@ -184,17 +184,19 @@ def barricade_table(folder: Path) -> str:
             for rows, first in zip(learnt, avoided, strict=True)
             if first is not None
         ]
+        later = "hit_barricade", "episode"
+        hit_later, driven_later = (sum(int(row[name]) for row in driven) for name in later)
         shares = mean_with_interval(100 * chosen_share(rows[-10:]) for rows in learnt)
         lines.append(
             [
                 f"`{check}`",
                 str(len(learnt)),
-                f"{len(learnt[0]) * BLOCK:,}",
+                f"{int(learnt[0][-1]['episode']):,}",
                 f"{hits.value:,.0f} ± {hits.half_width:,.0f}",
                 f"{len(before)} of {len(learnt)}",
                 f"{np.mean(before):,.0f}" if before else "-",
                 f"{shares.value:.2f} ± {shares.half_width:.2f} %",
-                f"{sum(int(r['hit_barricade']) for r in driven)} of {len(driven) * BLOCK}",
+                f"{hit_later} of {driven_later}",
             ]
         )
     names = "check", "trainings", "episodes", "collisions with the barricade", "learned to avoid it"
@@ -215,7 +217,7 @@ def barricade_figure(folder: Path) -> "Figure":
         trainings = [list(rows) for rows in grouped(learnt, SEED).values()]
         hits = [np.cumsum([int(row["hit_barricade"]) for row in rows]) for rows in trainings]
         shares = [[100 * chosen_share([row]) for row in rows] for rows in trainings]
-        episodes = BLOCK * np.arange(1, len(hits[0]) + 1)
+        episodes = [int(row["episode"]) for row in learnt[: len(hits[0])]]
         for axes, curves in ((collisions, hits), (choices, shares)):
             for curve in curves:
                 axes.plot(episodes, curve, color=color, alpha=0.35, linewidth=1)

@@ -22,9 +22,8 @@ from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from drl_av.road.road import FloatArray
-from studies.options import Options, Plan, Program
+from studies.options import Options, Plan, Program, Settings
 from studies.results import ResultsFolder, markdown_table
-from studies.study import Settings, changed
 from studies.trainings import TrainingJob, TrainingRows, evaluations_of
 
 if TYPE_CHECKING:
@@ -128,15 +127,12 @@ def curve_plan(options: Options) -> Plan:
 
     The trainings of seed 0 come first.
     """
-    configs = {}
-    for variant in EPISODES:
-        traffic, settings = CHANGES[variant]
-        configs[variant] = changed(options.with_files(changed(Config(), traffic)), settings)
+    configs = {name: options.settings(Config(), *CHANGES[name]) for name in EPISODES}
     jobs = []
     for seed in range(options.trainings(max(map(len, EPISODES.values())))):
         for variant, episodes in EPISODES.items():
             for stop in episodes[seed : seed + 1]:
-                config = configs[variant].updated("learning", seed=seed)
+                config = options.settings(configs[variant], {"learning": {"seed": seed}})
                 folder, learning = options.runs / f"{variant}-{seed}", config.learning
                 stop = min(stop, learning.episodes)
                 jobs.append(TrainingJob(variant, config, stop, folder, learning.evaluate_every))

@@ -1,12 +1,13 @@
 """The options of ``python -m studies``, and what all kinds of studies have in common."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from drl_av.config import Config, with_files
+from drl_av.config import Config, from_sections, with_files
 from drl_av.drivers.registry import default_config, find_drivers
+from drl_av.errors import ConfigError
 from drl_av.evaluation import LOKY
 from drl_av.evaluation.table import Inputs
 from drl_av.files import Row
@@ -22,6 +23,15 @@ FOLDER = Path(__file__).parent
 RESULTS = FOLDER.parent / "docs" / "results"
 QUICK = FOLDER / "quick" / "settings.toml"
 """The settings of a quick form: few and short episodes."""
+
+
+Settings = Mapping[str, Mapping[str, Any]]
+"""Values of settings by section and name."""
+
+
+def changed(config: Config, settings: Settings) -> Config:
+    """Return the config with other values of some settings; ``traffic.kind`` names a kind."""
+    return from_sections(settings, config, "a study")
 
 
 class Options(NamedTuple):
@@ -50,6 +60,29 @@ class Options(NamedTuple):
         Raises ConfigError if a file or a setting in it is wrong.
         """
         return with_scenario(with_files(config, self.config))
+
+    def settings(self, config: Config, *own: Settings) -> Config:
+        """Return a config with a study's ``own`` settings, changed by the user's TOML files.
+
+        Raises ConfigError if a file is wrong, or replaces a setting that the study itself sets.
+        """
+        for settings in own:
+            config = changed(config, settings)
+        made = self.with_files(config)
+        for section, values in (named for each in own for named in each.items()):
+            before, after = asdict(getattr(config, section)), asdict(getattr(made, section))
+            for key in values:
+                if self._names_traffic() if key == "kind" else before[key] != after[key]:
+                    raise ConfigError(
+                        f"{section}.{key} is what the study itself sets: leave it out, or write a "
+                        "study of your own (docs/extend/study.md)."
+                    )
+        return made
+
+    def _names_traffic(self) -> bool:
+        """Whether the user's files name a kind of traffic, so that another one below is lost."""
+        kinds = (Config().with_traffic(kind) for kind in ("calm", "hazards"))
+        return len({with_files(config, self.config).traffic for config in kinds}) == 1
 
     def settings_of(self, drivers: Sequence[str]) -> Config:
         """Return the settings with which ``drivers`` drive in a study.

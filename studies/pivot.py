@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -19,9 +19,7 @@ from drl_av.evaluation.statistics import Mean, best_opponent, gain, mean_with_in
 from drl_av.evaluation.table import report_corrupt_table
 from studies.options import FOLDER, Options
 from studies.results import markdown_table
-
-if TYPE_CHECKING:
-    from studies.study import FileStudy
+from studies.study import MEASURES, FileStudy
 
 Spec = Mapping[str, Any]
 Frame: TypeAlias = Any
@@ -30,7 +28,7 @@ Value = Mean | Estimate | str | None
 SPEED = "mean_speed_m_s"
 
 
-def markdown(study: "FileStudy", spec: Spec, folder: Path) -> str:
+def markdown(study: FileStudy, spec: Spec, folder: Path) -> str:
     """Return the Markdown table of a specification for the results in ``folder``.
 
     Raises DrlAvError if a table is damaged, or drivers that are compared did not drive the same
@@ -54,7 +52,7 @@ def markdown(study: "FileStudy", spec: Spec, folder: Path) -> str:
 class Pivot:
     """The rows of one or several studies in groups, as a specification demands."""
 
-    def __init__(self, study: "FileStudy", spec: Spec, folder: Path) -> None:
+    def __init__(self, study: FileStudy, spec: Spec, folder: Path) -> None:
         self.study, self.spec, self.folder = study, spec, folder
         sources = spec.get("from", [{"study": study.name}])
         rows = pd.concat(list(self._sources(sources)), ignore_index=True)
@@ -72,8 +70,6 @@ class Pivot:
 
     def _sources(self, sources: Iterable[Spec]) -> Iterator[Frame]:
         """Yield the rows of each source; another study that has no results here is left out."""
-        from studies.study import FileStudy
-
         for source in sources:
             name = source["study"]
             own = name == self.study.name
@@ -242,9 +238,6 @@ def measure(spec: Spec, own: Frame, other: Frame | None = None, units: str | Non
     return gain(ours, theirs)
 
 
-MEASURES = {"mean", "interval", "total", "text", "iqm", "improvement", "gain", "change"}
-
-
 def show(value: Value, digits: int = 2) -> str:
     """Return the text of a value; an infinite interval is left out."""
     if isinstance(value, Mean):
@@ -299,7 +292,7 @@ def by_traffic(rows: Frame, column: str) -> dict[Any, float]:
     return found
 
 
-def _source(study: "FileStudy", source: Spec, folder: Path) -> Frame:
+def _source(study: FileStudy, source: Spec, folder: Path) -> Frame:
     """Return the rows of a source: a study, columns that select rows, and columns to add."""
     rows = labelled(study, folder)
     chosen = {name: each for name, each in source.items() if name in rows and name != "label"}
@@ -311,7 +304,7 @@ def _source(study: "FileStudy", source: Spec, folder: Path) -> Frame:
     return rows.assign(**added)
 
 
-def labelled(study: "FileStudy", folder: Path) -> Frame:
+def labelled(study: FileStudy, folder: Path) -> Frame:
     """Return the rows of a study in ``folder``, with a column "label" for tables and figures.
 
     Truth values are numbers, and a column "was_hit" tells whether another vehicle hit the ego.
@@ -327,8 +320,6 @@ def labelled(study: "FileStudy", folder: Path) -> Frame:
 
 @cache
 def _read(described: Path, path: Path, changed_ns: int) -> Frame:
-    from studies.study import FileStudy
-
     rows = pd.read_csv(path, float_precision="round_trip", keep_default_na=False)
     for column in rows.select_dtypes(bool):
         rows[column] = rows[column].astype(int)
@@ -337,7 +328,7 @@ def _read(described: Path, path: Path, changed_ns: int) -> Frame:
     return rows.assign(label=_labels(FileStudy(described), rows))
 
 
-def _labels(study: "FileStudy", rows: Frame) -> Any:
+def _labels(study: FileStudy, rows: Frame) -> Any:
     names = rows["training" if "training" in rows else "driver"] if _named(rows) else None
     labels = pd.Series("", index=rows.index, dtype=object)
     for variant in study.variants:

@@ -7,11 +7,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drl_av.config import Config, from_sections
+from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.config.section import did_you_mean
 from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import find_drivers
+from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.errors import ConfigError
 from drl_av.evaluation.criticality import CriticalityMetrics
@@ -19,28 +20,45 @@ from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs, order_by
 from drl_av.files import Row
 from studies.engine import EpisodeCell
-from studies.options import Options, Plan
+from studies.options import Options, Plan, Settings
 from studies.trainings import TrainingJob
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Settings = Mapping[str, Mapping[str, Any]]
-"""Values of settings by section and name."""
 METRICS: Mapping[str, type[EpisodeMetrics]] = {
     "episode": EpisodeMetrics,
     "criticality": CriticalityMetrics,
 }
-KEYS = {
-    "": {
-        *("meaning", "row", "columns", "order", "settings_named", "settings", "metrics"),
-        *("rows", "variants", "trainings", "tables", "figures"),
-    },
-    "rows": {"drivers", "traffic", "vehicles", "seeds"},
-    "variants": {"drivers", "vehicles", "episodes", "columns", "settings", "label", "trained"},
-    "trainings": {"base", "settings", "seeds", "traffic", "stop", "folder", "name", "label"},
+MEASURES = {"mean", "interval", "total", "text", "iqm", "improvement", "gain", "change"}
+"""The kinds of measures of a table (``studies.pivot``)."""
+KEYS: Mapping[str, Mapping[str, type]] = {
+    "": dict.fromkeys(("meaning", "row", "settings_named", "metrics"), str)
+    | dict.fromkeys(("settings", "rows", "variants", "trainings", "tables", "figures"), dict)
+    | dict.fromkeys(("columns", "order"), list),
+    "rows": {"drivers": list, "traffic": list, "vehicles": list, "seeds": dict},
+    "seeds": {"first": int, "count": int},
+    "variants": {"drivers": list, "vehicles": list, "episodes": int, "label": str, "trained": bool}
+    | dict.fromkeys(("columns", "settings"), dict),
+    "trainings": dict.fromkeys(("base", "folder", "name", "label"), str)
+    | {"settings": dict, "seeds": dict, "traffic": list, "stop": int},
+    "tables": dict.fromkeys(("columns", "units", "reference", "best", "slowest", "text"), str)
+    | dict.fromkeys(("rows", "heads", "ours", "measures", "from"), list)
+    | dict.fromkeys(("where", "without", "value", "pool", "total"), dict)
+    | {"worst": bool, "bold": bool},
+    "measures": dict.fromkeys(("head", *MEASURES), str)
+    | {"digits": int, "common": bool, "of": dict, "over": object},
 }
-"""The keys of each part of a study's file."""
+"""The type of each key of each part of a study's file."""
+NEEDED = {"": ("meaning", "rows"), "rows": ("seeds",), "seeds": ("count",), "trainings": ("base",)}
+"""The keys that a part must have."""
+TYPES = {
+    str: "a text",
+    int: "a whole number",
+    bool: "true or false",
+    list: "a list",
+    dict: "a table",
+}
 
 
 class Variant(NamedTuple):
@@ -81,12 +99,29 @@ class FileStudy:
     @cached_property
     def file(self) -> Mapping[str, Any]:
         """The content of the file."""
-        content = tomllib.loads(self.path.read_text(encoding="utf-8"))
-        _require_known(self.path, "", content)
-        _require_known(self.path, "rows", content["rows"])
-        for part in ("variants", "trainings"):
+        try:
+            content = tomllib.loads(self.path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ConfigError(f"{self.path} is not valid TOML: {error}.") from error
+        rows = _checked(self.path, "", content)["rows"]
+        seeds = _checked(self.path, "seeds", _checked(self.path, "rows", rows)["seeds"])
+        first = seeds.get("first", 0)
+        if first + seeds["count"] > TRAINING_SEED_RANGE[0] or not seeds["count"]:
+            raise ConfigError(
+                f"{self.path} has the seeds from {first} to {first + seeds['count'] - 1}: name one "
+                f"or more below {TRAINING_SEED_RANGE[0]}, which no training drives."
+            )
+        if content.get("metrics", "episode") not in METRICS:
+            raise ConfigError(f"{self.path}: metrics must be one of {', '.join(METRICS)}.")
+        for part in ("variants", "trainings", "tables"):
             for each in content.get(part, {}).values():
-                _require_known(self.path, part, each)
+                _checked(self.path, part, each)
+                for one in (*each.get("measures", ()), *filter(None, [each.get("value")])):
+                    if len(_checked(self.path, "measures", one).keys() & MEASURES) != 1:
+                        raise ConfigError(
+                            f"{self.path} has the measure {one}: it must have one of the keys "
+                            f"{', '.join(sorted(MEASURES))}."
+                        )
         return content
 
     @property
@@ -144,10 +179,8 @@ class FileStudy:
             seeds = [None] if count is None else [*range(first, first + options.trainings(count))]
             for seed in seeds:
                 for kind in own.get("traffic", [None]):
-                    config = changed(base, own.get("settings", {}))
-                    config = config if kind is None else config.with_traffic(kind)
-                    if seed is not None:
-                        config = config.updated("learning", seed=seed)
+                    its: Settings = {} if seed is None else {"learning": {"seed": seed}}
+                    config = options.settings(base, own.get("settings", {}), _traffic(kind), its)
                     words = {"seed": seed, "traffic": kind}
                     folder = options.runs / own.get("folder", template).format(**words)
                     stop = min(own.get("stop", config.learning.episodes), config.learning.episodes)
@@ -163,7 +196,7 @@ class FileStudy:
         """Return the study's settings for ``drivers``, without those of a variant."""
         learned = [name for name in drivers if name.startswith("pretrained")]
         learned = learned or [name for name in self.drivers if name.startswith("pretrained")]
-        return changed(options.settings_of(learned), self.file.get("settings", {}))
+        return options.settings(options.settings_of(learned), self.file.get("settings", {}))
 
     def plan(self, options: Options) -> Plan:
         """Return what must be trained and driven (see ``studies.options.Study``)."""
@@ -197,12 +230,10 @@ class FileStudy:
         ]
         for variant, drivers, made in groups:
             job, trained_name = (made.job, made.name) if made else (None, "")
-            base = self.base(drivers, options)
-            if made:
-                base = changed(made.job.config, self.file.get("settings", {}))
+            base = made.job.config if made else self.base(drivers, options)
             for kind in rows.get("traffic", [None]):
-                config = changed(base, variant.settings)
-                config = config if kind is None else config.with_traffic(kind)
+                own = self.file.get("settings", {}), _traffic(kind), variant.settings
+                config = options.settings(base, *own)
                 for name in [made.name] if made else drivers:
                     words = {"driver": name, "training": name, "traffic": kind}
                     words["variant"] = variant.name
@@ -233,6 +264,10 @@ class FileStudy:
             found = (each.columns[column] for each in self.variants if column in each.columns)
             known[column] = dict.fromkeys(found)
         order = self.file.get("order", ["vehicles", "seed", "driver"])
+        if others := [column for column in order if column not in known]:
+            raise ConfigError(
+                f"{self.path}: order has {others[0]!r}, but its columns are {', '.join(known)}."
+            )
         return order_by(**{column: known[column] for column in order})
 
     @property
@@ -260,9 +295,8 @@ class FileStudy:
         }
 
 
-def changed(config: Config, settings: Settings) -> Config:
-    """Return the config with other values of some settings; ``traffic.kind`` names a kind."""
-    return from_sections(settings, config, "a study")
+def _traffic(kind: str | None) -> Settings:
+    return {} if kind is None else {"traffic": {"kind": kind}}
 
 
 def _training_base(name: str, options: Options) -> Config:
@@ -272,11 +306,19 @@ def _training_base(name: str, options: Options) -> Config:
     return options.with_files(preset(name))
 
 
-def _require_known(path: Path, part: str, content: Mapping[str, Any]) -> None:
-    for name in content:
+def _checked(path: Path, part: str, content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a part of a study's file; raise ConfigError if it has not the keys that it may."""
+    for name in (*NEEDED.get(part, ()), *content):
         if name not in KEYS[part]:
             hint = did_you_mean(name, KEYS[part])
             raise ConfigError(f"{path} has an unknown key {name!r}{hint}: remove or correct it.")
+        value, kind = content.get(name), KEYS[part][name]
+        if name == "vehicles" and isinstance(value, list):
+            value, kind = next((each for each in value if type(each) is not int), 0), int
+        if not isinstance(value, kind):
+            said = f"is {value!r}" if name in content else "is missing"
+            raise ConfigError(f"{path}: {name} {said}, but must be {TYPES[kind]}.")
+    return content
 
 
 def _seed(first: int) -> Callable[[str], int]:

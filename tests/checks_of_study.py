@@ -1,8 +1,8 @@
 """The safety checks of the study ``strict``, by the names of its variants."""
 
 from drl_av.config import Config
-from studies.options import FOLDER
-from studies.study import FileStudy, changed
+from studies.options import FOLDER, changed
+from studies.study import FileStudy
 
 
 def with_check(config: Config, bounds: str) -> Config:

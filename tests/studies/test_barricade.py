@@ -27,8 +27,7 @@ from studies.barricade import (
     train_and_evaluate,
 )
 from studies.engine import make
-from studies.options import Options
-from studies.study import changed
+from studies.options import Options, changed
 
 RIGHT, LEFT = 4, 8
 COLUMNS = ("safety_check", "phase", "episode", "decisions", "chosen", "hit_barricade", "hit_other")
@@ -84,6 +83,14 @@ def test_only_the_unchecked_training_runs_into_the_barricade(
     assert sum(int(row["hit_barricade"]) for row in rows["permit_all"][:-1]) > 0
     assert [row["hit_barricade"] for row in rows["paper"]] == ["0", "0"]
     assert int(rows["paper"][0]["proposed"]) > 0
+
+
+def test_a_quick_form_is_as_short_as_its_settings_say() -> None:
+    [first, *_] = barricade.barricade_plan(Options(config=("learning.episodes=3",))).calls
+    assert [(key["phase"], key["episode"]) for key in first.keys] == [
+        ("training", "3"),
+        ("trained", "3"),
+    ]
 
 
 def test_a_training_that_is_in_the_table_is_not_repeated(

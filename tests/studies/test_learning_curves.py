@@ -5,13 +5,16 @@ import math
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 from runs import TINY, files_of
 
+from drl_av.config import Config
 from drl_av.drivers.policy_file import load, load_policy
 from drl_av.errors import DrlAvError, RunError
 from drl_av.evaluation import engines
@@ -35,8 +38,15 @@ def _few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learning_curves, "EPISODES", {"paper": (12, 6)})
 
 
+def tiny(**learning: int) -> str:
+    """The settings of ``TINY`` that are not the defaults, and others of [learning]."""
+    config, usual = asdict(TINY.updated("learning", **learning)), asdict(Config())
+    sections = ("simulation", "learning")
+    return tomli_w.dumps({s: dict(config[s].items() - usual[s].items()) for s in sections})
+
+
 def options(folder: Path, **changes: Any) -> Options:
-    (folder / "settings.toml").write_text(TINY.to_toml())
+    (folder / "settings.toml").write_text(tiny())
     usual = Options(engine="here", runs=folder / "runs", out=folder)
     return usual._replace(config=(str(folder / "settings.toml"),), **changes)
 
@@ -130,7 +140,7 @@ def test_what_the_table_holds_is_not_trained_again_though_the_folders_are_lost(
 def test_rows_of_a_folder_of_other_settings_never_reach_a_table(tmp_path: Path) -> None:
     trained(options(tmp_path))
     other = options(tmp_path)._replace(out=tmp_path / "out")
-    text = TINY.updated("learning", batch_size=32).to_toml()
+    text = tiny(batch_size=32)
     (tmp_path / "settings.toml").write_text(text)
     with pytest.raises(RunError, match=r"begun with other settings.*--runs"):
         trained(other)

@@ -111,10 +111,70 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
     assert files(short.out) == before
 
 
-def test_a_key_that_no_study_has_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "typo.toml").write_text(MINE.replace("vehicles = [1, 3]", "vehicels = [1, 3]"))
-    with pytest.raises(ConfigError, match=r"unknown key 'vehicels' \(did you mean 'vehicles'"):
-        FileStudy(tmp_path / "typo.toml").plan(Options())
+@pytest.mark.parametrize(
+    ("text", "wrong", "sentence"),
+    [
+        ("vehicles = [1, 3]", "vehicels = [1, 3]", r"unknown key 'vehicels' \(did you mean 'vehic"),
+        ("first = 7", "frist = 7", r"unknown key 'frist' \(did you mean 'first'"),
+        ("first = 7", "first = 999_999", "has the seeds from 999999 to 1000000: .* below 1000000"),
+        ("count = 2", "count = 0", "name one or more below 1000000"),
+        (", count = 2", "", "count is missing, but must be a whole number"),
+        ("seeds = {", "seeds = 3 # {", "seeds is 3, but must be a table"),
+        ("vehicles = [1, 3]", "vehicles = 5", "vehicles is 5, but must be a list"),
+        ("vehicles = [1, 3]", "vehicles = [1, '3']", "vehicles is '3', but must be a whole number"),
+        ('"seed", "driver"]\nse', '"sed"]\nse', "order has 'sed', but its columns are driver, "),
+        ("settings_named", 'metrics = "fast"\nsettings_named', "metrics must be one of episode, c"),
+        ('text = "{ego', 'txt = "{ego', "unknown key 'txt'"),
+        (', text = "{ego_hit} of {episodes}"', "", r"has the measure \{'head': 'hits'\}: it must"),
+        ('columns = "vehicles"\nvalue', 'colums = "vehicles"\nvalue', "unknown key 'colums'"),
+        ("meaning =", "meaning = =", "mine.toml is not valid TOML"),
+        ("[rows]", "[rows_]", r"rows is missing, but must be a table"),
+    ],
+)
+def test_a_file_that_is_no_study_is_one_sentence(
+    text: str, wrong: str, sentence: str, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.toml").write_text(MINE.replace(text, wrong))
+    with pytest.raises(ConfigError, match=sentence) as error:
+        FileStudy(tmp_path / "mine.toml").plan(Options())
+    assert "\n" not in str(error.value)
+
+
+def with_settings(*settings: str) -> Options:
+    return Options(config=settings)
+
+
+def test_settings_of_the_user_reach_all_drivers_of_every_kind_of_traffic() -> None:
+    headways = "traffic.headway_min_s=1.3", "traffic.headway_max_s=1.4"
+    given = with_settings(*headways, "simulation.decisions_per_episode=9")
+    for name in ("opponents", "straight", "strict", "own_traffic", "whole_schedule"):
+        plan = STUDIES[name].plan(given)
+        configs = [cell.config for cell in plan.cells]
+        configs += [cell.training.config for cell in plan.cells if cell.training is not None]
+        assert {each.traffic.headway_min_s for each in configs} == {1.3}, name
+        assert {each.simulation.decisions_per_episode for each in configs} == {9}
+        known = plan.inputs.settings.values()
+        assert {each.traffic.headway_min_s for each in known} == {1.3}
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [
+        ("check", 'safety.check="strict"'),
+        ("curves", 'safety.check="strict"'),
+        ("curves", 'learning.replay="uniform"'),
+        ("curves", "learning.seed=7"),
+        ("straight", 'simulation.scenario="merge"'),
+        ("opponents", 'traffic.kind="calm"'),
+        ("own_traffic", 'traffic.kind="calm"'),
+        ("adaptation", 'traffic.kind="calm"'),
+        ("barricade", 'safety.check="strict"'),
+    ],
+)
+def test_a_setting_that_a_study_sets_itself_is_refused(name: str, setting: str) -> None:
+    key = setting.partition("=")[0]
+    with pytest.raises(ConfigError, match=rf"^{key} is what the study itself sets: leave it out"):
+        STUDIES[name].plan(with_settings(setting))
 
 
 TRAINED = """
