@@ -14,6 +14,7 @@ from drl_av.cli.options import (
     add_path,
     add_text,
     custom_parts,
+    require_one_word,
     with_command_line,
 )
 from drl_av.cli.seeds import SeedJob, seed_list, train_seeds
@@ -262,7 +263,12 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
 
 
 def _given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Return, by name, the values of those named options that the command line contains."""
+    """Return, by name, the values of those named options that the command line contains.
+
+    Raises ConfigError if it sets one of them twice.
+    """
+    own = {name: f"learning.{name}" for name in names}
+    require_one_word(options, {**own, "seeds": "learning.seed"})
     return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
 
 

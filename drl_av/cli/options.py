@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -170,20 +170,25 @@ SETTINGS_OF_OPTIONS = {
 """The settings for which ``add_env_options`` adds options."""
 
 
-def with_command_line(config: Config, options: argparse.Namespace) -> Config:
-    """Return ``config``, changed by the options of ``add_env_options`` in turn.
-
-    If the scenario was made from the user's own files, it says on stderr what was made of them.
-    Raises ConfigError if the TOML file or a setting is wrong.
-    """
-    for option, setting in SETTINGS_OF_OPTIONS.items():
-        if getattr(options, option) is not None and any(
+def require_one_word(options: argparse.Namespace, settings: Mapping[str, str]) -> None:
+    """Raise ConfigError if the user gives an option and -o for the same one of ``settings``."""
+    for option, setting in settings.items():
+        if getattr(options, option, None) is not None and any(
             str(word).startswith(f"{setting}=") for word in options.config
         ):
             raise ConfigError(
                 f"--{option.replace('_', '-')} and -o {setting} are the same setting: leave one of "
                 "them out."
             )
+
+
+def with_command_line(config: Config, options: argparse.Namespace) -> Config:
+    """Return ``config``, changed by the options of ``add_env_options`` in turn.
+
+    If the scenario was made from the user's own files, it says on stderr what was made of them.
+    Raises ConfigError if the TOML file or a setting is wrong.
+    """
+    require_one_word(options, SETTINGS_OF_OPTIONS)
     if options.traffic is not None:
         config = config.with_traffic(options.traffic)
     config = keeping_kind(options.traffic, config, with_files(config, options.config))

@@ -17,6 +17,7 @@ from drl_av.cli.options import (
     custom_parts,
     driver_words,
     rate,
+    require_one_word,
     with_command_line,
 )
 from drl_av.config.functions import is_factory
@@ -225,6 +226,7 @@ def _new_sessions(
     from drl_av.evaluation.episodes import drivers_in
     from drl_av.evaluation.replay import ReplaySession
 
+    require_one_word(options, {"decisions": "simulation.decisions_per_episode"})
     shared = with_command_line(default_config(specs), options)
     if options.decisions:
         shared = shared.updated("simulation", decisions_per_episode=options.decisions)

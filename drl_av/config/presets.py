@@ -115,10 +115,11 @@ def keeping_kind(named: str | None, base: Config | None, config: Config) -> Conf
     if found["presets"] != own["presets"]:
         other = f"traffic.presets = {[*config.traffic.presets]}"
     elif not own["presets"]:
+        most = 0
         for kind in SINGLE_PRESETS:
             telling = asdict(base.with_traffic(kind).traffic).items() - own.items()
-            if telling and telling <= found.items():
-                other = f"the traffic {kind}"
+            if len(telling) > most and telling <= found.items():
+                other, most = f"the traffic {kind}", len(telling)
     if other:
         raise ConfigError(
             f"The traffic is {named}, but the settings beside it have {other}: leave the traffic "

@@ -20,6 +20,27 @@ def test_a_setting_is_not_given_twice(option: str, capsys: pytest.CaptureFixture
     assert f"{flag} and -o {setting} are the same setting" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "setting"),
+    [
+        (["train", "--episodes", "2"], "learning.episodes=3"),
+        (["train", "--seed", "3"], "learning.seed=7"),
+        (["train", "--seeds", "1-2"], "learning.seed=7"),
+        (["train", "--replay", "uniform"], "learning.replay=prioritized"),
+        (["adapt", "pretrained-paper", "--learning-rate", "0.1"], "learning.learning_rate=0.2"),
+        (["replay", "idm", "--decisions", "5"], "simulation.decisions_per_episode=3"),
+    ],
+)
+def test_nor_is_one_of_a_verb(
+    words: list[str], setting: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = [] if words[0] == "replay" else ["--out", "run"]
+    assert main([*words, *out, "-o", setting]) == 1
+    said = rf"{words[-2]} and -o {setting.partition('=')[0]} are the same setting"
+    assert said in capsys.readouterr().err
+    assert list(here.iterdir()) == []
+
+
 def test_a_scenario_is_the_same_however_its_path_is_written(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -101,6 +101,10 @@ def test_settings_of_another_kind_beside_a_named_kind_are_refused(tmp_path: Path
     for given in (file, run, {"traffic": {"kind": "paper"}}):
         with pytest.raises(ConfigError, match=told):
             as_config(given, traffic="calm")
+    hazards = Config().with_traffic("hazards").to_toml()  # it changes lanes as overtaking does
+    run.write_text(hazards)
+    with pytest.raises(ConfigError, match=r"is calm, but .* have the traffic hazards: leave"):
+        as_config(run, traffic="calm")
     single = {"traffic": {"finite_state_share": 0.25, "vehicles_max": 9}}
     assert as_config(single, traffic="calm").traffic.shares == (0.25, 0.0, 0.0, 0.0, 0.0)
     assert as_config(file, traffic="paper").traffic.speed_gain_max == 3.0
