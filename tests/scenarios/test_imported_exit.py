@@ -178,6 +178,21 @@ def test_an_exit_may_have_two_lanes_of_which_the_ego_takes_the_nearer_one(tmp_pa
     assert load_scenario(tmp_path / "road").road == road
 
 
+def test_the_curve_of_an_off_ramp_limits_the_lanes_that_lead_to_it_alone(tmp_path: Path) -> None:
+    # off turns by 45 degrees: chords of 36 m give 36 m / (pi / 4) = 46 m, and sqrt(5.5 x 46) = 16
+    description = off(leaving(tmp_path, aside_m=-250.0))
+    road = description.plan().road
+    exit_lane, *through = road.speed_limits
+    assert {lane[-1] for lane in through} == {(BEGINS_M, OPEN_LAP_M, 36.0)}
+    limits = [limit for *_, limit in exit_lane]
+    assert limits == sorted(limits, reverse=True)
+    assert (limits[0], limits[-1]) == (36.0, pytest.approx(16.0, rel=0.05))
+    assert exit_lane[-1].begin_m < road.exit_m
+    assert "limits 16.14 to 40 m/s" in description.summary
+    write_scenario(tmp_path / "road", description)
+    assert load_scenario(tmp_path / "road").road == road
+
+
 LEFT_WAYS = (
     *("e0 0 e1 0", "e0 1 e1 1", "e0 2 e1 2", "e1 3 off 0"),
     *("e1 0 e2 0", "e1 1 e2 1", "e1 2 e2 2", "off 0 away 0"),

@@ -48,6 +48,14 @@ class Carriageway(NamedTuple):
         """Indices of the lanes that lead to the off-ramp; the rightmost ones, or none."""
         return self.sections[-1].leading_on if self.off_ramp else range(0)
 
+    def measured_to_m(self, section: Section, lane: int) -> float:
+        """Return where the line ends along which the curves of a section's lane are measured.
+
+        The exit lanes are measured along the off-ramp, and all others up to the junction before it.
+        """
+        on_ramp = section.begin_m >= self.exit_m or lane in self.exit_lanes
+        return math.inf if on_ramp else self.sections[-1].junction_m
+
     @property
     def other_roads(self) -> str:
         """A phrase for the roads that join or leave the route before its end; "" without any.

@@ -21,15 +21,18 @@ ALIKE = 1.15
 """A curve extends to where its speed is this factor above that of its sharpest place."""
 
 
-def curve_limits(line: Line, sideways_m_s2: float, fastest_m_s: float) -> list[SpeedLimit]:
+def curve_limits(
+    line: Line, sideways_m_s2: float, fastest_m_s: float, end_m: float = math.inf
+) -> list[SpeedLimit]:
     """Return the curves of a route that are too sharp for ``fastest_m_s``, each with its speed.
 
+    The line is measured up to ``end_m``, a position along the route.
     In a curve of radius R the speed is at most sqrt(a R), where a is ``sideways_m_s2``. R is the
     length of two chords, one behind a place and one ahead of it, divided by the angle between them.
     """
     sharp: dict[int, float] = {}
     for chord_m in CHORDS_M:
-        for place, radius_m in _radii_m(line, chord_m).items():
+        for place, radius_m in _radii_m(line, chord_m, end_m).items():
             limit_m_s = math.sqrt(sideways_m_s2 * radius_m)
             if limit_m_s < min(fastest_m_s, sharp.get(place, math.inf)):
                 sharp[place] = limit_m_s
@@ -66,14 +69,15 @@ def _adjoining(curves: Sequence[SpeedLimit]) -> list[SpeedLimit]:
     return found
 
 
-def _radii_m(line: Line, chord_m: float) -> dict[int, float]:
+def _radii_m(line: Line, chord_m: float, end_m: float) -> dict[int, float]:
     """Return the radius at each place of a line that is not nearly straight, metres.
 
-    The key is the position along the route divided by ``SPACING_M``.
+    The key is the position along the route divided by ``SPACING_M``. The line ends at ``end_m``.
     """
     positions_m, points = zip(*line, strict=True)
+    last_m = min(positions_m[-1], end_m)
     first = math.ceil((positions_m[0] + chord_m) / SPACING_M)
-    places = np.arange(first, math.floor((positions_m[-1] - chord_m) / SPACING_M) + 1)
+    places = np.arange(first, math.floor((last_m - chord_m) / SPACING_M) + 1)
     behind, here, ahead = (
         np.interp(places * SPACING_M + way_m, positions_m, [complex(*point) for point in points])
         for way_m in (-chord_m, 0.0, chord_m)

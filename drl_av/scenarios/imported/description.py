@@ -2,7 +2,7 @@
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain, groupby
 from pathlib import Path
@@ -81,8 +81,9 @@ class ImportedDescription(OpenDescription):
     route: Route = field(init=False, repr=False, compare=False)
     way: Carriageway = field(init=False, repr=False, compare=False)
     """The carriageway of the route, up to the exit if it has one, and the off-ramp there."""
-    curves: tuple[SpeedLimit, ...] = field(init=False, repr=False, compare=False)
-    """The parts of the route that are too sharp for its speed limits, each with its speed."""
+    curves_to: Mapping[float, tuple[SpeedLimit, ...]] = field(init=False, repr=False, compare=False)
+    """The parts of the route that are too sharp for its speed limits, each with its speed, by where
+    the line ends along which they are measured (``Carriageway.measured_to_m``)."""
 
     def __post_init__(self) -> None:
         check_numbers(self, "The scenario's ")
@@ -114,9 +115,7 @@ class ImportedDescription(OpenDescription):
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
-        fastest_m_s = max(self._raised(limit) for limit in _limits(way.driven))
-        curves = curve_limits(route.line, self.sideways_m_s2, fastest_m_s)
-        object.__setattr__(self, "curves", tuple(one for one in curves if one[0] < way.end_m))
+        object.__setattr__(self, "curves_to", dict(self._measured_curves()))
         last = way.off_ramp[0].edge if way.off_ramp else self._edges(way.sections[-1])[-1].id
         object.__setattr__(self, "to_edge", last)
         leaves_out = self._left_out() if self.left_out is None else map(str, self.left_out)
@@ -212,6 +211,19 @@ class ImportedDescription(OpenDescription):
             f"The road: {'; '.join(facts)}.\nLeft out: {'; '.join(self.leaves_out or ['nothing'])}."
         )
 
+    def _measured_curves(self) -> Iterator[tuple[float, tuple[SpeedLimit, ...]]]:
+        """Yield where each line ends that is measured, and its curves that the ego can reach."""
+        way = self.way
+        fastest_m_s = max(map(self._raised, _limits(way.driven)))
+        for end_m in {way.measured_to_m(part, lane) for part in way.driven for lane in part.lanes}:
+            found = curve_limits(self.route.line, self.sideways_m_s2, fastest_m_s, end_m)
+            yield end_m, tuple(curve for curve in found if curve.begin_m < way.end_m)
+
+    @property
+    def curves(self) -> tuple[SpeedLimit, ...]:
+        """The curves of all lanes, in driving order."""
+        return tuple(sorted(set(chain.from_iterable(self.curves_to.values()))))
+
     def _raised(self, limit_m_s: float) -> float:
         return max(limit_m_s, self.lowest_limit_m_s)
 
@@ -241,17 +253,20 @@ class ImportedDescription(OpenDescription):
         """Return a part of a section's edge with the limits and the lines of its lanes."""
         middle_m = (edge.begin_m + edge.end_m) / 2
         part = next(part for part in section.parts if middle_m < part.end_m)
-        curve_m_s = min(
-            (
-                curve.limit_m_s
-                for curve in self.curves
-                if curve.begin_m < edge.end_m - SHORTEST_PIECE_M
-                and edge.begin_m + SHORTEST_PIECE_M < curve.end_m
-            ),
-            default=math.inf,
+        limits = (
+            round(min([self._raised(limit_m_s), *self._curves_on(edge, section, lane)]), PRECISION)
+            for lane, limit_m_s in zip(section.lanes, part.limits_m_s, strict=True)
         )
-        limits = (round(min(self._raised(one), curve_m_s), PRECISION) for one in part.limits_m_s)
         return edge._replace(lane_limits_m_s=tuple(limits), lane_attributes=part.attributes)
+
+    def _curves_on(self, edge: Edge, section: Section, lane: int) -> Iterator[float]:
+        """Yield the speed of each curve of a lane on a part of a section's edge, m/s."""
+        for curve in self.curves_to[self.way.measured_to_m(section, lane)]:
+            if (
+                curve.begin_m < edge.end_m - SHORTEST_PIECE_M
+                and edge.begin_m + SHORTEST_PIECE_M < curve.end_m
+            ):
+                yield curve.limit_m_s
 
     def _straight_on(self, last: Edge, name: str, length_m: float) -> Edge:
         """Return a straight edge of that length, on which all lanes without an exit go on."""

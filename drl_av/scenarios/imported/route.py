@@ -60,6 +60,8 @@ class Section(NamedTuple):
     begin_m: float
     end_m: float
     """Its beginning, and the end of the way through the junction, in metres along the route."""
+    junction_m: float
+    """The position where that way begins: the end of the edge itself."""
     parts: tuple[Part, ...]
     """One part, or two if the lanes inside the junction differ from those of the edge."""
     lanes: range
@@ -176,6 +178,7 @@ def _sections(
                 edge.getID(),
                 begin_m,
                 end_m,
+                inside_m,
                 tuple(parts),
                 shifted(lanes, first),
                 shifted(on, first),
