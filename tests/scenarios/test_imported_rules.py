@@ -16,6 +16,7 @@ from plain_sumo import run_sumo
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
 from drl_av.road.compiled_road import may_cross, road_numbers
+from drl_av.road.road import OPEN_LAP_M
 from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.imported.net_file import TREATMENTS, Found, left_out
@@ -271,6 +272,23 @@ def test_a_curve_of_many_edges_has_the_speed_of_one_edge(edges: int, tmp_path: P
     slowest = limits.index(min(limits))
     assert limits[: slowest + 1] == sorted(limits[: slowest + 1], reverse=True)
     assert limits[slowest:] == sorted(limits[slowest:])
+
+
+def test_the_curve_of_an_on_ramp_limits_the_lane_that_comes_from_it_alone(tmp_path: Path) -> None:
+    # the ramp meets the motorway at an angle of 50 degrees, atan(300 / 250), and becomes its lane 0
+    nodes = node("a", 0, 0) + node("r", 750, -300) + node("b", 1000, 0) + node("c", 3000, 0)
+    edges = edge("M1", "a", "b", 3, 33, 'priority="9"') + edge("on", "r", "b", 1, 33)
+    edges += edge("M2", "b", "c", 4, 33, 'priority="9"')
+    ways = ["M1 0 M2 1", "M1 1 M2 2", "M1 2 M2 3", "on 0 M2 0"]
+    net = converted(tmp_path, nodes, edges, ways, ["--junctions.limit-turn-speed", "-1"])
+    description = described(net, "on", "M2")
+    road, merge_m = description.plan().road, description.route.sections[0].end_m
+    ramp, *motorway = road.speed_limits
+    # chords of 36 m: sqrt(5.5 m/s^2 x 36 m / 0.876) = 15 m/s
+    assert min(limit for *_, limit in ramp) == pytest.approx(15.0, rel=0.05)
+    assert {limit for begin_m, _, limit in ramp if begin_m > merge_m} > {33.0}
+    assert set(motorway) == {((merge_m, OPEN_LAP_M, 33.0),)}
+    kept(description, tmp_path)
 
 
 def test_the_limits_of_a_written_network_are_not_changed_in_silence(tmp_path: Path) -> None:

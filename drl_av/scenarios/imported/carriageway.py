@@ -1,12 +1,14 @@
 """The carriageway that a route through a network follows, and the exit by which it may leave it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.road import PartialLane
+from drl_av.road.road import PartialLane, SpeedLimit
 from drl_av.scenarios.highways import AFTER_M
+from drl_av.scenarios.imported.curves import Line, Span, curve_limits
 from drl_av.scenarios.imported.route import Route, Section, shifted
 
 SHORTEST_EXIT_LANE_M = 50.0
@@ -48,13 +50,31 @@ class Carriageway(NamedTuple):
         """Indices of the lanes that lead to the off-ramp; the rightmost ones, or none."""
         return self.sections[-1].leading_on if self.off_ramp else range(0)
 
-    def measured_to_m(self, section: Section, lane: int) -> float:
-        """Return where the line ends along which the curves of a section's lane are measured.
+    @property
+    def on_ramp(self) -> Section | None:
+        """The last edge of the ramp on which the route begins; None if it begins on the motorway.
 
-        The exit lanes are measured along the off-ramp, and all others up to the junction before it.
+        Other roads join there, and fewer than half of the lanes come from a ramp.
         """
-        on_ramp = section.begin_m >= self.exit_m or lane in self.exit_lanes
-        return math.inf if on_ramp else self.sections[-1].junction_m
+        for before, after in pairwise(self.sections):
+            if before.joining and 2 * len(before.leading_on) < len(after.lanes):
+                return before
+        return None
+
+    def measured(self) -> Iterator[tuple[tuple[str, int], Span]]:
+        """Yield each edge and lane on which the ego may drive, and where its curves are measured.
+
+        The lanes of a ramp are measured along it, too, and all others along the motorway alone.
+        """
+        ramp, last = self.on_ramp, self.sections[-1]
+        for section in self.driven:
+            for lane in section.lanes:
+                begin_m, end_m = 0.0, math.inf
+                if ramp and section.begin_m >= ramp.end_m and lane not in ramp.leading_on:
+                    begin_m = ramp.end_m
+                if section.begin_m < self.exit_m < math.inf and lane not in self.exit_lanes:
+                    end_m = last.junction_m
+                yield (section.edge, lane), (begin_m, end_m)
 
     @property
     def other_roads(self) -> str:
@@ -143,6 +163,20 @@ def _leave(
             "lengthen it in netedit, or choose another route."
         )
     return found
+
+
+def lane_curves(
+    way: Carriageway, line: Line, sideways_m_s2: float, fastest_m_s: float
+) -> dict[tuple[str, int], tuple[SpeedLimit, ...]]:
+    """Return the curves of each edge and lane on which the ego may drive (``curve_limits``)."""
+    spans = dict(way.measured())
+    found = {
+        span: curve_limits(line, sideways_m_s2, fastest_m_s, span) for span in set(spans.values())
+    }
+    return {
+        place: tuple(curve for curve in found[span] if curve.begin_m < way.end_m)
+        for place, span in spans.items()
+    }
 
 
 def _moved(section: Section, lanes: int) -> Section:

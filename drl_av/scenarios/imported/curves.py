@@ -10,6 +10,8 @@ from drl_av.scenarios.layout import Point
 
 Line = Sequence[tuple[float, Point]]
 """Points along the middle of a lane, with their positions along the route, metres."""
+Span = tuple[float, float]
+"""A begin and an end, positions along the route, metres."""
 SPACING_M = 4.0
 """Distance of the places at which the curvature of a route is computed."""
 CHORDS_M = (36.0, 72.0)
@@ -22,17 +24,17 @@ ALIKE = 1.15
 
 
 def curve_limits(
-    line: Line, sideways_m_s2: float, fastest_m_s: float, end_m: float = math.inf
+    line: Line, sideways_m_s2: float, fastest_m_s: float, span: Span
 ) -> list[SpeedLimit]:
     """Return the curves of a route that are too sharp for ``fastest_m_s``, each with its speed.
 
-    The line is measured up to ``end_m``, a position along the route.
+    The line is measured within ``span``.
     In a curve of radius R the speed is at most sqrt(a R), where a is ``sideways_m_s2``. R is the
     length of two chords, one behind a place and one ahead of it, divided by the angle between them.
     """
     sharp: dict[int, float] = {}
     for chord_m in CHORDS_M:
-        for place, radius_m in _radii_m(line, chord_m, end_m).items():
+        for place, radius_m in _radii_m(line, chord_m, span).items():
             limit_m_s = math.sqrt(sideways_m_s2 * radius_m)
             if limit_m_s < min(fastest_m_s, sharp.get(place, math.inf)):
                 sharp[place] = limit_m_s
@@ -69,14 +71,14 @@ def _adjoining(curves: Sequence[SpeedLimit]) -> list[SpeedLimit]:
     return found
 
 
-def _radii_m(line: Line, chord_m: float, end_m: float) -> dict[int, float]:
-    """Return the radius at each place of a line that is not nearly straight, metres.
+def _radii_m(line: Line, chord_m: float, span: Span) -> dict[int, float]:
+    """Return the radius at each place of a line in ``span`` that is not nearly straight, metres.
 
-    The key is the position along the route divided by ``SPACING_M``. The line ends at ``end_m``.
+    The key is the position along the route divided by ``SPACING_M``.
     """
     positions_m, points = zip(*line, strict=True)
-    last_m = min(positions_m[-1], end_m)
-    first = math.ceil((positions_m[0] + chord_m) / SPACING_M)
+    first_m, last_m = max(positions_m[0], span[0]), min(positions_m[-1], span[1])
+    first = math.ceil((first_m + chord_m) / SPACING_M)
     places = np.arange(first, math.floor((last_m - chord_m) / SPACING_M) + 1)
     behind, here, ahead = (
         np.interp(places * SPACING_M + way_m, positions_m, [complex(*point) for point in points])

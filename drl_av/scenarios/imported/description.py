@@ -14,8 +14,7 @@ from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit
 from drl_av.road.vehicle_types import check_numbers
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
-from drl_av.scenarios.imported.carriageway import Carriageway, carriageway
-from drl_av.scenarios.imported.curves import curve_limits
+from drl_av.scenarios.imported.carriageway import Carriageway, carriageway, lane_curves
 from drl_av.scenarios.imported.net_file import REMEDY
 from drl_av.scenarios.imported.route import Route, Section, read_route
 from drl_av.scenarios.layout import (
@@ -81,9 +80,10 @@ class ImportedDescription(OpenDescription):
     route: Route = field(init=False, repr=False, compare=False)
     way: Carriageway = field(init=False, repr=False, compare=False)
     """The carriageway of the route, up to the exit if it has one, and the off-ramp there."""
-    curves_to: Mapping[float, tuple[SpeedLimit, ...]] = field(init=False, repr=False, compare=False)
-    """The parts of the route that are too sharp for its speed limits, each with its speed, by where
-    the line ends along which they are measured (``Carriageway.measured_to_m``)."""
+    lane_curves: Mapping[tuple[str, int], tuple[SpeedLimit, ...]] = field(
+        init=False, repr=False, compare=False
+    )
+    """The parts that are too sharp for the speed limits, by the edge's id and the lane's index."""
 
     def __post_init__(self) -> None:
         check_numbers(self, "The scenario's ")
@@ -115,7 +115,9 @@ class ImportedDescription(OpenDescription):
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "curves_to", dict(self._measured_curves()))
+        fastest_m_s = max(map(self._raised, _limits(way.driven)))
+        curves = lane_curves(way, route.line, self.sideways_m_s2, fastest_m_s)
+        object.__setattr__(self, "lane_curves", curves)
         last = way.off_ramp[0].edge if way.off_ramp else self._edges(way.sections[-1])[-1].id
         object.__setattr__(self, "to_edge", last)
         leaves_out = self._left_out() if self.left_out is None else map(str, self.left_out)
@@ -211,18 +213,10 @@ class ImportedDescription(OpenDescription):
             f"The road: {'; '.join(facts)}.\nLeft out: {'; '.join(self.leaves_out or ['nothing'])}."
         )
 
-    def _measured_curves(self) -> Iterator[tuple[float, tuple[SpeedLimit, ...]]]:
-        """Yield where each line ends that is measured, and its curves that the ego can reach."""
-        way = self.way
-        fastest_m_s = max(map(self._raised, _limits(way.driven)))
-        for end_m in {way.measured_to_m(part, lane) for part in way.driven for lane in part.lanes}:
-            found = curve_limits(self.route.line, self.sideways_m_s2, fastest_m_s, end_m)
-            yield end_m, tuple(curve for curve in found if curve.begin_m < way.end_m)
-
     @property
     def curves(self) -> tuple[SpeedLimit, ...]:
         """The curves of all lanes, in driving order."""
-        return tuple(sorted(set(chain.from_iterable(self.curves_to.values()))))
+        return tuple(sorted(set(chain.from_iterable(self.lane_curves.values()))))
 
     def _raised(self, limit_m_s: float) -> float:
         return max(limit_m_s, self.lowest_limit_m_s)
@@ -261,7 +255,7 @@ class ImportedDescription(OpenDescription):
 
     def _curves_on(self, edge: Edge, section: Section, lane: int) -> Iterator[float]:
         """Yield the speed of each curve of a lane on a part of a section's edge, m/s."""
-        for curve in self.curves_to[self.way.measured_to_m(section, lane)]:
+        for curve in self.lane_curves[section.edge, lane]:
             if (
                 curve.begin_m < edge.end_m - SHORTEST_PIECE_M
                 and edge.begin_m + SHORTEST_PIECE_M < curve.end_m
