@@ -14,6 +14,7 @@ from runs import files_of, refused_scenario
 from worlds import scene
 
 from drl_av.cli import main
+from drl_av.errors import ScenarioError
 from drl_av.road.road import (
     OPEN_LAP_M,
     PartialLane,
@@ -191,6 +192,19 @@ def test_the_curve_of_an_off_ramp_limits_the_lanes_that_lead_to_it_alone(tmp_pat
     assert "limits 16.14 to 40 m/s" in description.summary
     write_scenario(tmp_path / "road", description)
     assert load_scenario(tmp_path / "road").road == road
+
+
+def test_a_slow_off_ramp_does_not_limit_the_flow_that_goes_straight_on(tmp_path: Path) -> None:
+    own = leaving(tmp_path)
+    text = own.read_text()
+    assert 'speed="32.00"' in text
+    own.write_text(text.replace('speed="32.00"', 'speed="5.00"'))
+    # on off, at 5 m/s: 3600 x 5 / (5 + 2.5 + 1.1 x 5) = 1384; the others drive at 20 m/s or more:
+    # 3600 x 20 / (5 + 2.5 + 1.1 x 20) = 2440
+    description = off(own, flow_per_h=2400.0)
+    assert (description.speed_limit_m_s, description.flow_per_h) == (5.0, 2400.0)
+    with pytest.raises(ScenarioError, match=r"at 20 m/s a lane takes at most 2149: lower it"):
+        off(own, flow_per_h=2400.0, vehicle_length_m=9.0)
 
 
 LEFT_WAYS = (
