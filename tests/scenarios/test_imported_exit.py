@@ -4,11 +4,12 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from math import cos, pi, sin
 from pathlib import Path
 from typing import Any
 
 import pytest
-from nets import LEAVING_WAYS, TWO_LANES, TWO_LANES_WAYS, along, east, leaving
+from nets import LEAVING_WAYS, TWO_LANES, TWO_LANES_WAYS, along, converted, east, leaving
 from plain_sumo import trips
 from runs import files_of, refused_scenario
 from worlds import scene
@@ -192,6 +193,31 @@ def test_the_curve_of_an_off_ramp_limits_the_lanes_that_lead_to_it_alone(tmp_pat
     assert "limits 16.14 to 40 m/s" in description.summary
     write_scenario(tmp_path / "road", description)
     assert load_scenario(tmp_path / "road").road == road
+
+
+def test_a_bend_up_to_the_exit_limits_the_lanes_that_go_straight_on(tmp_path: Path) -> None:
+    # e1 is a quarter of a circle of 100 m, and e2 goes straight on: sqrt(5.5 x 100) = 23.5 m/s
+    places = [(800 + 100 * sin(pi * k / 40), 100 * (1 - cos(pi * k / 40))) for k in range(21)]
+    shape = " ".join(f"{x_m:.2f},{y_m:.2f}" for x_m, y_m in places)
+    nodes = '<node id="n0" x="0" y="0"/><node id="n1" x="800" y="0"/>'
+    nodes += '<node id="n2" x="900" y="100"/><node id="n3" x="900" y="700"/>'
+    nodes += '<node id="r1" x="950" y="400"/>'
+    form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="36" priority="9" {}/>'
+    edges = "".join(
+        form.format(*each)
+        for each in (
+            ("e0", "n0", "n1", 3, ""),
+            ("e1", "n1", "n2", 4, f'shape="{shape}"'),
+            ("e2", "n2", "n3", 3, ""),
+            ("off", "n2", "r1", 1, ""),
+        )
+    )
+    own = converted(tmp_path, nodes, edges, LEAVING_WAYS[:7])
+    plan = off(own, "off").plan()
+    # also inside the junction behind e1, and on the road that is added there
+    for lane in plan.road.speed_limits[1:]:
+        assert lane[-1].begin_m < plan.road.exit_m - 50.0
+        assert lane[-1].limit_m_s == pytest.approx(23.5, rel=0.05)
 
 
 def test_a_slow_off_ramp_does_not_limit_the_flow_that_goes_straight_on(tmp_path: Path) -> None:

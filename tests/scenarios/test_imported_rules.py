@@ -274,6 +274,25 @@ def test_a_curve_of_many_edges_has_the_speed_of_one_edge(edges: int, tmp_path: P
     assert limits[slowest:] == sorted(limits[slowest:])
 
 
+@pytest.mark.parametrize("at_the_end", [True, False])
+def test_a_bend_in_which_the_route_begins_or_ends_has_its_speed_up_to_there(
+    at_the_end: bool, tmp_path: Path
+) -> None:
+    # 900 m, and a quarter of a circle of 60 m, 94 m long: sqrt(5.5 m/s^2 x 60 m) = 18.2 m/s
+    arc = [(900 + 60 * sin(pi * k / 40), 60 * (1 - cos(pi * k / 40))) for k in range(21)]
+    places = [(0.0, 0.0), *arc] if at_the_end else [*reversed(arc), (0.0, 0.0)]
+    shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in places)
+    nodes = node("a", *places[0]) + node("b", *places[-1])
+    road = edge("C", "a", "b", 2, 36, f'shape="{shape}"')
+    description = described(converted(tmp_path, nodes, road, None), "C", "C")
+    for lane in description.plan().road.speed_limits:
+        bend, straight = (lane[-1], lane[0]) if at_the_end else (lane[0], lane[-1])
+        assert (bend.limit_m_s, straight.limit_m_s) == (pytest.approx(18.2, rel=0.05), 36.0)
+        # it begins or ends in the bend, at most a chord of 36 m from its end that is on the way
+        assert abs((bend.begin_m if at_the_end else 994 - bend.end_m) - 936) < 36.0
+    kept(description, tmp_path)
+
+
 def test_the_curve_of_an_on_ramp_limits_the_lane_that_comes_from_it_alone(tmp_path: Path) -> None:
     # the ramp meets the motorway at an angle of 50 degrees, atan(300 / 250), and becomes its lane 0
     nodes = node("a", 0, 0) + node("r", 750, -300) + node("b", 1000, 0) + node("c", 3000, 0)

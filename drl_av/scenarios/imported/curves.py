@@ -28,9 +28,9 @@ def curve_limits(
 ) -> list[SpeedLimit]:
     """Return the curves of a route that are too sharp for ``fastest_m_s``, each with its speed.
 
-    The line is measured within ``span``.
     In a curve of radius R the speed is at most sqrt(a R), where a is ``sideways_m_s2``. R is the
     length of two chords, one behind a place and one ahead of it, divided by the angle between them.
+    The chords lie within ``span``; each end keeps the limit of the last place with two such chords.
     """
     sharp: dict[int, float] = {}
     for chord_m in CHORDS_M:
@@ -52,8 +52,8 @@ def curve_limits(
                 del sharp[place]
         for place in range(ends[0], ends[1] + 1):
             del sharp[place]
-        ends_m = (SPACING_M * (ends[0] - 0.5), SPACING_M * (ends[1] + 0.5))
-        found.append(SpeedLimit(*ends_m, limit_m_s))
+        begin_m = max(SPACING_M * (ends[0] - 0.5), 0.0)
+        found.append(SpeedLimit(begin_m, SPACING_M * (ends[1] + 0.5), limit_m_s))
     return _adjoining(sorted(found))
 
 
@@ -79,9 +79,16 @@ def _radii_m(line: Line, chord_m: float, span: Span) -> dict[int, float]:
     positions_m, points = zip(*line, strict=True)
     first_m, last_m = max(positions_m[0], span[0]), min(positions_m[-1], span[1])
     first = math.ceil((first_m + chord_m) / SPACING_M)
-    places = np.arange(first, math.floor((last_m - chord_m) / SPACING_M) + 1)
+    last = math.floor((last_m - chord_m) / SPACING_M)
+    if first > last:
+        return {}
+    places = np.arange(first_m // SPACING_M, positions_m[-1] // SPACING_M + 2, dtype=int)
     behind, here, ahead = (
-        np.interp(places * SPACING_M + way_m, positions_m, [complex(*point) for point in points])
+        np.interp(
+            np.clip(places, first, last) * SPACING_M + way_m,
+            positions_m,
+            [complex(*point) for point in points],
+        )
         for way_m in (-chord_m, 0.0, chord_m)
     )
     turned = np.abs(np.angle((ahead - here) * np.conj(here - behind)))
