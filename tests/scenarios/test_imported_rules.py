@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nets import Part, along, chain, converted
+from nets import Part, along, chain, converted, east
 from plain_sumo import run_sumo
 
 from drl_av.cli import main
@@ -387,6 +387,42 @@ def test_a_closed_lane_is_no_lane(tmp_path: Path) -> None:
         "lanes closed to cars, lane 'e0_0' and 3 more"
     ]
     kept(description, tmp_path)
+
+
+FROM_MAP = (
+    "rail rail_urban rail_electric rail_fast tram drone aircraft scooter container wheelchair "
+    "subway cable_car ship pedestrian bicycle moped"
+)
+"""What netconvert's types for OpenStreetMap close a highway.motorway to."""
+
+
+@pytest.mark.parametrize(
+    ("closed", "phrases"),
+    [
+        ("truck trailer", ["that truck, trailer may not use lane 'e0_1' and 1 more"]),
+        (FROM_MAP, []),
+        (f"{FROM_MAP} truck", ["that truck may not use lane 'e0_1' and 1 more"]),
+    ],
+)
+def test_a_lane_that_is_closed_to_trucks_is_a_lane_for_all_and_is_named(
+    closed: str, phrases: list[str], tmp_path: Path
+) -> None:
+    part = Part(2, lane=f'<lane index="1" disallow="{closed}"/>')
+    description = along(chain(tmp_path, part, part), 1)
+    assert (description.lanes, [*description.leaves_out]) == (2, phrases)
+    folder = kept(description, tmp_path)
+    assert "allow=" not in (folder / "highway.net.xml").read_text()
+
+
+def test_a_motorway_from_openstreetmap_is_closed_to_nobody_who_is_usual_there() -> None:
+    assert not [phrase for phrase in east().leaves_out if "may not use" in phrase]
+
+
+def test_a_lane_for_cars_alone_is_named(tmp_path: Path) -> None:
+    lane = '<lane index="0" allow="passenger"/>'
+    assert along(chain(tmp_path, Part(2, lane=lane), Part(2)), 1).leaves_out == (
+        "that motorcycle, bus, coach, delivery, truck, trailer may not use lane 'e0_0'",
+    )
 
 
 def test_a_shoulder_that_opens_is_a_lane_that_begins(tmp_path: Path) -> None:

@@ -159,7 +159,8 @@ value with an effect is left out, and named.
 
 The speed and the length of a connection are those of its lane inside the junction. Its state and
 its traffic lights decide whether the route has the right of way, so "pass" and "uncontrolled" need
-no treatment of their own. A type has an effect by the speed limits of classes of vehicles.
+no treatment of their own. The classes of vehicles to which a lane is closed are named by
+``route.read_route``. A type has an effect by the speed limits of classes of vehicles.
 """
 NEUTRAL: Mapping[str, str] = {"friction": "1.00", "keepClear": "1", "indirect": "0"}
 """Values of attributes that would be named which have no effect."""

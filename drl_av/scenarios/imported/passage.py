@@ -8,6 +8,9 @@ from drl_av.scenarios.imported.net_file import Attributes, NetFile, class_limit
 
 CARS = "passenger"
 """SUMO's class of vehicles that the lanes must admit."""
+OTHERS = ("motorcycle", "bus", "coach", "delivery", "truck", "trailer")
+"""SUMO's classes of the other vehicles that are usual on a motorway (ours). Its lanes in a network
+from OpenStreetMap are open to them, and closed to pedestrians, bicycles, trams and the like."""
 PRIORITY = ("M", "Z")
 """SUMO's states of a connection that need not give way to other traffic: major, and zipper."""
 YIELDING = ("m", "=")

@@ -22,6 +22,7 @@ from drl_av.scenarios.imported.net_file import (
 )
 from drl_av.scenarios.imported.passage import (
     CARS,
+    OTHERS,
     Step,
     car_lanes,
     lane_limit_m_s,
@@ -337,10 +338,12 @@ def _attributes_left_out(
         yield from left_out(Found("edge", f"edge {name!r}", file.edges[name]))
         for lane in edge.getLanes():
             found = Found("lane", f"lane {lane.getID()!r}", file.lanes[lane.getID()])
-            if lane.allows(CARS):
-                yield from left_out(found)
-            else:
+            if not lane.allows(CARS):
                 yield "lanes closed to cars,", found.name
+                continue
+            yield from left_out(found)
+            if closed_to := [name for name in OTHERS if not lane.allows(name)]:
+                yield f"that {', '.join(closed_to)} may not use", found.name
     for name in sorted({lane.rpartition("_")[0] for lane in inside}):
         yield from left_out(Found("edge", f"edge {name!r}", file.edges[name]))
     for name in sorted(inside):
