@@ -632,6 +632,33 @@ def test_a_long_edge_that_bends_is_divided_like_a_straight_one(tmp_path: Path) -
     kept(description, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("names", "taken"),
+    [
+        (("L", "L.1"), "L.1"),  # 2,500 m are divided into L, L.1, ..., L.6
+        (("L", "L.6"), "L.6"),
+        (("L.6.beyond", "L"), "L.6.beyond"),  # the road that is added behind the route
+        (("L", "L.7"), ""),
+        (("L.1", "L"), "L.1"),
+    ],
+)
+def test_an_edge_with_the_name_of_a_piece_is_refused(
+    names: tuple[str, str], taken: str, tmp_path: Path
+) -> None:
+    nodes = node("a", 0, 0) + node("b", 2500, 0) + node("c", 5000, 0)
+    roads = edge(names[0], "a", "b", 2, 36) + edge(names[1], "b", "c", 2, 36)
+    net = converted(tmp_path, nodes, roads, None)
+    if not taken:
+        kept(described(net, *names), tmp_path)
+        return
+    with pytest.raises(
+        ScenarioError,
+        match=rf"own.net.xml: the route has an edge '{taken}', but drl-av gives this name to "
+        r"another part of the road: rename the edge in netedit\.$",
+    ):
+        described(net, *names)
+
+
 def test_the_verbs_say_what_was_made_of_a_route(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

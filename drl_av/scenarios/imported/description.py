@@ -2,6 +2,7 @@
 
 import math
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain, groupby
@@ -321,6 +322,12 @@ class ImportedDescription(OpenDescription):
                 raise ScenarioError(
                     f"{where} has {name} {value:g}, but must have {low:g} to {high:g}: change it "
                     "in netedit, or choose another route."
+                )
+        for name, number in Counter(edge.id for edge in self.plan().edges).items():
+            if number > 1:
+                raise ScenarioError(
+                    f"{where} has an edge {name!r}, but drl-av gives this name to another part of "
+                    "the road: rename the edge in netedit."
                 )
 
     def _check_flow(self) -> None:
