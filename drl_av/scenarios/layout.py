@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.errors import ScenarioError
-from drl_av.road.road import Road, SpeedLimit
+from drl_av.road.road import Road, SpeedLimit, is_open, lane_end_m
 
 Point = tuple[float, float]
 """The coordinates x and y of a place in sumo-gui, metres."""
@@ -38,7 +38,7 @@ class OpenStart(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """A part of an open road that has the same lanes from its beginning to its end."""
+    """A part of a road that has the same lanes from its beginning to its end."""
 
     id: str
     begin_m: float
@@ -56,20 +56,34 @@ class Edge(NamedTuple):
     spread: str = "right"
     """SUMO's spreadType: how its lanes lie about ``shape``."""
 
+    def limits(self, usual_m_s: float) -> tuple[float, ...]:
+        """Return the speed limit of each of ``lanes``; ``usual_m_s`` is that of the description."""
+        return self.lane_limits_m_s or (usual_m_s,) * len(self.lanes)
 
-class OpenPlan(NamedTuple):
-    """An open road: its edges and routes in SUMO, and the same road as the simulation needs it.
 
-    An edge leads to each edge whose ``begin_m`` equals its ``end_m``. There each lane continues in
-    the lane with the same index, unless ``road`` says that the lane ends. The first route is that
-    of the traffic, and of an ego that has missed its exit. The last route is that of the ego. SUMO
-    needs a road beyond ``road.end_m``: if no edge begins there, ``split_long_edges`` extends the
-    edges that end there.
+class Plan(NamedTuple):
+    """A road: its edges and routes in SUMO, and the same road as the simulation needs it.
+
+    An edge leads to each edge whose ``begin_m`` equals its ``end_m``; the last edge of a loop leads
+    to the first. There each lane continues in the lane with the same index, unless ``road`` says
+    that the lane ends or is closed. The first route is that of the traffic, and of an ego that has
+    missed its exit. The last route is that of the ego.
     """
 
     edges: tuple[Edge, ...]
     routes: dict[str, tuple[str, ...]]
     road: Road
+    start: OpenStart | None = None
+    """None on a loop, on which the vehicles may start at any position."""
+
+
+class OpenPlan(Plan):
+    """The plan of an open road.
+
+    SUMO needs a road beyond ``road.end_m``: if no edge begins there, ``split_long_edges`` extends
+    the edges that end there.
+    """
+
     start: OpenStart
 
 
@@ -89,7 +103,7 @@ class Layout(NamedTuple):
     edge_ends_m: dict[str, float]
     """By SUMO edge id the position of its end, metres."""
     start: OpenStart | None = None
-    """None on a loop, on which the vehicles may start at any position."""
+    """None on a loop."""
 
     def route(self, name: str, distance_m: float) -> list[str]:
         """Return the edge ids of a route, on a loop with the laps for at least ``distance_m``.
@@ -118,6 +132,23 @@ def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> 
 
 Connection = tuple[str, str, str, str]
 """A connection of two lanes in SUMO: edge, index of its lane, next edge, index of its lane."""
+
+
+def connections(plan: Plan) -> set[Connection]:
+    """Return the connections of the lanes of a road."""
+    road = plan.road
+    return {
+        (one.id, str(lane - one.lanes[0]), other.id, str(lane - other.lanes[0]))
+        for one in plan.edges
+        for other in plan.edges
+        if one.end_m % road.lap_m == other.begin_m
+        for lane in one.lanes
+        if lane in other.lanes
+        and is_open(lane, road)
+        and lane_end_m(lane, one.begin_m, road) > one.end_m
+    }
+
+
 LANE_ATTRIBUTES = ("allow", "disallow", "changeLeft", "changeRight")
 """The SUMO attributes of single lanes that must be as described (netconvert guesses others)."""
 TOLERANCE = 1e-6
@@ -195,13 +226,15 @@ PIECE_M = 400.0
 """Length of the longest piece of a divided edge (ours), with which SUMO is the fastest."""
 
 
-def split_long_edges(plan: OpenPlan) -> OpenPlan:
-    """Return a plan with the edges and routes that its road has in SUMO.
+def split_long_edges(plan: Plan) -> Plan:
+    """Return a plan with the edges and routes that its road has in SUMO; a loop stays as it is.
 
     The last edges extend beyond the end of the ego's way. An edge longer than ``LONGEST_M`` is
     divided: for each vehicle SUMO looks at all vehicles in the same lane of the edge, so the time
     of a step would grow with the square of their number.
     """
+    if plan.road.is_loop:
+        return plan
     end_m = plan.road.end_m
     run_out_m = 0.0 if any(edge.begin_m == end_m for edge in plan.edges) else RUN_OUT_M
     pieces = {

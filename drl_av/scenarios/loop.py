@@ -3,13 +3,14 @@
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 from drl_av.config.section import setting
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import Road
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
-from drl_av.scenarios.layout import Connection, Layout, NetworkLane, require_network
-from drl_av.scenarios.netconvert import DEMO_END_S, PRECISION, netconvert, vehicle_element
+from drl_av.scenarios.layout import Edge, Plan, Point
+from drl_av.scenarios.netconvert import DEMO_END_S, PRECISION, shape_text
 from drl_av.scenarios.road_description import (
     LANE_WIDTH_M,
     LANES,
@@ -18,7 +19,6 @@ from drl_av.scenarios.road_description import (
     VEHICLE_WIDTH_M,
     PlacedVehicle,
     RoadDescription,
-    check_placed,
     check_sizes,
     longest_m,
 )
@@ -69,7 +69,7 @@ class ScenarioDescription(RoadDescription):
         check_sizes(self)
         self._check_radius()
         self._check_barricades()
-        self._check_vehicles()
+        self.check_vehicles()
 
     @property
     def open_lanes(self) -> tuple[bool, ...]:
@@ -101,67 +101,33 @@ class ScenarioDescription(RoadDescription):
                 "The scenario's barricaded_lanes are all its lanes, but one must stay open."
             )
 
-    def _check_vehicles(self) -> None:
-        """Raise ScenarioError if a placed vehicle is off the road or too fast, or two overlap."""
-        lanes = [lane for lane, is_open in enumerate(self.open_lanes) if is_open]
-        for number, vehicle in enumerate(self.vehicles):
-            if vehicle.lane >= self.lanes or not self.open_lanes[vehicle.lane]:
-                raise ScenarioError(
-                    f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane}, but must be "
-                    "on a lane that exists and is not barricaded."
-                )
-            if vehicle.position_m >= self.circumference_m:
-                raise ScenarioError(
-                    f"Vehicle {vehicle.id!r} is placed at {vehicle.position_m:g} m, but must be "
-                    f"on the loop of {self.circumference_m:g} m."
-                )
-            check_placed(self, number, lanes, self.circumference_m)
-
-    def network_text(self) -> str:
-        """Return the text of a loop's network file: four edges without junction lanes between.
-
-        Raises:
-            ScenarioError: netconvert refuses the description.
-            SimulationError: netconvert cannot be run.
-        """
-        return netconvert({"node": _nodes(self), "edge": _edges(self)})
-
-    def read_layout(self, network: ET.Element, name: str) -> Layout:
-        """Return the layout of the loop in a network, as ``RoadDescription.read_layout``."""
-        open_lanes = {lane for lane, is_open in enumerate(self.open_lanes) if is_open}
-        lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
-        connections, ends_m, s_m = set[Connection](), dict[str, float](), 0.0
-        for i, length_m in enumerate(edge_lengths_m(self.circumference_m)):
-            size = f"e{i}", length_m, self.lane_width_m, self.speed_limit_m_s
-            for lane in range(self.lanes):
-                closed = {} if lane in open_lanes else {"disallow": "all"}
-                lanes[f"e{i}_{lane}"] = NetworkLane(*size, closed)
-                positions[f"e{i}_{lane}"] = lane, s_m
-            following = f"e{(i + 1) % EDGES}"
-            connections |= {(f"e{i}", str(lane), following, str(lane)) for lane in open_lanes}
-            ends_m[f"e{i}"] = s_m = s_m + length_m
-        require_network(network, lanes, connections, name)
-        road = Road(s_m, self.lane_width_m, self.open_lanes)
-        return Layout(road, {"loop": tuple(ends_m)}, positions, ends_m)
+    def plan(self) -> Plan:
+        """Return the plan of the loop: four equal edges; the last one absorbs the rounding."""
+        radius_m = self.circumference_m / (2 * math.pi)
+        pieces = math.ceil(self.circumference_m / EDGES / CHORD_M)
+        length_m = round(self.circumference_m / EDGES, PRECISION)
+        last_m = round(self.circumference_m - (EDGES - 1) * length_m, PRECISION)
+        ends_m = [*accumulate([*[length_m] * (EDGES - 1), last_m], initial=0.0)]
+        edges = tuple(
+            Edge(
+                f"e{i}",
+                begin_m,
+                end_m,
+                range(self.lanes),
+                lane_attributes={lane: {"disallow": "all"} for lane in self.barricaded_lanes},
+                shape=tuple(point(radius_m, (i + k / pieces) / EDGES) for k in range(pieces + 1)),
+                spread="center",
+            )
+            for i, (begin_m, end_m) in enumerate(pairwise(ends_m))
+        )
+        road = Road(ends_m[-1], self.lane_width_m, self.open_lanes)
+        return Plan(edges, {"loop": tuple(edge.id for edge in edges)}, road)
 
     def traffic(self) -> ET.Element:
         """Return SUMO's route file with the demo vehicles, which drive around the loop."""
-        root = ET.Element("routes")
+        root = self.routes_with(demo_vehicles(self))
         laps = math.ceil(DEMO_END_S * self.speed_limit_m_s / self.circumference_m) + 1
-        edges = " ".join(f"e{i}" for i in range(EDGES))
-        ET.SubElement(root, "route", id="loop", edges=edges, repeat=str(laps))
-        edge_m = edge_lengths_m(self.circumference_m)[0]
-        for vehicle in demo_vehicles(self):
-            edge = min(int(vehicle.position_m // edge_m), EDGES - 1)
-            vehicle_element(
-                root,
-                vehicle,
-                self.speed_limit_m_s,
-                route="loop",
-                departEdge=str(edge),
-                departLane=str(vehicle.lane),
-                departPos=f"{vehicle.position_m - edge * edge_m:.2f}",
-            )
+        root[0].set("repeat", str(laps))
         return root
 
     def additional(self) -> dict[str, ET.Element]:
@@ -169,54 +135,14 @@ class ScenarioDescription(RoadDescription):
         return {BARRICADES_FILE: _barricades(self)} if self.barricaded_lanes else {}
 
 
-def edge_lengths_m(circumference_m: float) -> tuple[float, ...]:
-    """Return the lengths of a loop's edges; they are equal, but the last absorbs the rounding."""
-    length_m = round(circumference_m / EDGES, PRECISION)
-    last_m = round(circumference_m - (EDGES - 1) * length_m, PRECISION)
-    return (*[length_m] * (EDGES - 1), last_m)
-
-
-def point(radius_m: float, turn: float) -> str:
-    """Return the text ``x,y`` of a point on a circle around the origin, metres.
+def point(radius_m: float, turn: float) -> Point:
+    """Return a point on a circle around the origin, metres; it is rounded as in the network file.
 
     ``turn`` is its counter-clockwise angle as a fraction of a full turn; 0 is on the x axis.
     """
     angle = 2 * math.pi * turn
-    x, y = radius_m * math.cos(angle), radius_m * math.sin(angle)
-    return f"{x + 0.0:.{PRECISION}f},{y + 0.0:.{PRECISION}f}".replace("-0.000000", "0.000000")
-
-
-def _nodes(description: ScenarioDescription) -> ET.Element:
-    """Return netconvert's input with the nodes of a loop."""
-    radius_m = description.circumference_m / (2 * math.pi)
-    root = ET.Element("nodes")
-    for i in range(EDGES):
-        x, y = point(radius_m, i / EDGES).split(",")
-        ET.SubElement(root, "node", id=f"n{i}", x=x, y=y, type="priority")
-    return root
-
-
-def _edges(description: ScenarioDescription) -> ET.Element:
-    """Return netconvert's input with the edges of a loop, their shapes and barricaded lanes."""
-    radius_m = description.circumference_m / (2 * math.pi)
-    pieces = math.ceil(description.circumference_m / EDGES / CHORD_M)
-    root = ET.Element("edges")
-    for i, length_m in enumerate(edge_lengths_m(description.circumference_m)):
-        turns = [(i + k / pieces) / EDGES for k in range(pieces + 1)]
-        edge = ET.SubElement(
-            root,
-            "edge",
-            {"id": f"e{i}", "from": f"n{i}", "to": f"n{(i + 1) % EDGES}"},
-            numLanes=str(description.lanes),
-            speed=repr(description.speed_limit_m_s),
-            width=repr(description.lane_width_m),
-            length=repr(length_m),
-            spreadType="center",
-            shape=" ".join(point(radius_m, turn) for turn in turns),
-        )
-        for lane in description.barricaded_lanes:
-            ET.SubElement(edge, "lane", index=str(lane), disallow="all")
-    return root
+    x_m, y_m = radius_m * math.cos(angle), radius_m * math.sin(angle)
+    return round(x_m, PRECISION), round(y_m, PRECISION)
 
 
 def _barricades(description: ScenarioDescription) -> ET.Element:
@@ -241,7 +167,8 @@ def _patch(radius_m: float, width_m: float, start_turn: float, end_turn: float) 
     """Return the corners of a piece of a lane; the turns are angles as fractions of a full turn."""
     inner_m, outer_m = radius_m - width_m / 2, radius_m + width_m / 2
     corners = ((inner_m, start_turn), (inner_m, end_turn), (outer_m, end_turn))
-    return " ".join(point(*corner) for corner in (*corners, (outer_m, start_turn), corners[0]))
+    closed = (*corners, (outer_m, start_turn), corners[0])
+    return shape_text(point(*corner) for corner in closed)
 
 
 def _polygon(root: ET.Element, name: str, color: str, layer: str, shape: str) -> None:

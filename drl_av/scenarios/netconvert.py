@@ -1,15 +1,15 @@
-"""Runs netconvert, which builds SUMO's network files, and writes XML."""
+"""Builds SUMO's network files with netconvert, from the plan of a road, and writes XML."""
 
 import os
 import re
 import subprocess
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from drl_av.errors import ScenarioError, SimulationError
-from drl_av.scenarios.road_description import PlacedVehicle
+from drl_av.scenarios.layout import Edge, Plan, Point, connections, split_long_edges
 from drl_av.sumo_programs import missing_library, program
 
 NETWORK_FILE = "highway.net.xml"
@@ -28,29 +28,66 @@ def xml_text(root: ET.Element) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, "unicode") + "\n"
 
 
-def vehicle_element(
-    root: ET.Element, vehicle: PlacedVehicle, speed_limit_m_s: float, **place: str
-) -> None:
-    """Add a vehicle to ``root``, the root element of a route file with demo traffic.
+def network_text(plan: Plan, speed_limit_m_s: float) -> str:
+    """Return the text of the network file of a road; the limit is that of edges that state none.
 
-    ``place`` holds the route and the attributes of the start position. A vehicle departs at most at
-    its desired speed, because SUMO alone refuses vehicles that depart faster.
+    Raises:
+        ScenarioError: netconvert refuses the road.
+        SimulationError: netconvert cannot be run.
     """
-    departs_m_s = min(vehicle.speed_m_s, vehicle.desired_speed_m_s)
-    ET.SubElement(
+    plan = split_long_edges(plan)
+    roots = {name: ET.Element(f"{name}s") for name in ("node", "edge", "connection")}
+    nodes: dict[Point, str] = {}
+    for edge in plan.edges:
+        ends = [*zip((edge.begin_m, edge.end_m % plan.road.lap_m), edge.drawn_aside_m, strict=True)]
+        drawn = [edge.shape[0], edge.shape[-1]] if edge.shape else [(s, -y) for s, y in ends]
+        for end, (x_m, y_m) in zip(ends, drawn, strict=True):
+            if end not in nodes:
+                nodes[end] = f"n{len(nodes)}"
+                place = {"x": _text(x_m), "y": _text(y_m), "type": "priority"}
+                ET.SubElement(roots["node"], "node", {"id": nodes[end]} | place)
+        _add_edge(roots["edge"], edge, [nodes[end] for end in ends], plan, speed_limit_m_s)
+    for way in sorted(connections(plan)):
+        keys = ("from", "fromLane", "to", "toLane")
+        ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
+    return netconvert(roots)
+
+
+def _add_edge(
+    root: ET.Element, edge: Edge, nodes: list[str], plan: Plan, speed_limit_m_s: float
+) -> None:
+    """Add an edge to netconvert's input; without a shape its lanes lie to the right of a line."""
+    width_m, leftmost = plan.road.lane_width_m, len(plan.road.open_lanes) - 1
+    line_m = -(leftmost - edge.lanes[-1]) * width_m
+    ends = zip((edge.begin_m, edge.end_m), edge.drawn_aside_m, strict=True)
+    limits = edge.limits(speed_limit_m_s)
+    element = ET.SubElement(
         root,
-        "vehicle",
-        {
-            "id": vehicle.id,
-            "type": "ego" if vehicle.id == "ego" else "traffic",
-            "route": place.pop("route"),
-            "depart": "0",
-            **place,
-            "departSpeed": f"{departs_m_s:.2f}",
-            "speedFactor": f"{vehicle.desired_speed_m_s / speed_limit_m_s:.4f}",
-            "insertionChecks": "none",
-        },
+        "edge",
+        {"id": edge.id, "from": nodes[0], "to": nodes[1]},
+        numLanes=str(len(edge.lanes)),
+        speed=repr(max(limits)),
+        width=repr(width_m),
+        length=repr(edge.end_m - edge.begin_m),
+        spreadType=edge.spread,
+        shape=shape_text(edge.shape or [(s_m, line_m - aside_m) for s_m, aside_m in ends]),
     )
+    for index, (lane, limit_m_s) in enumerate(zip(edge.lanes, limits, strict=True)):
+        further = dict(edge.lane_attributes.get(lane, {}))
+        if limit_m_s != max(limits):
+            further["speed"] = repr(limit_m_s)
+        if further:
+            ET.SubElement(element, "lane", {"index": str(index)} | further)
+
+
+def shape_text(points: Iterable[Point]) -> str:
+    """Return the points of a line as SUMO's text, ``x,y x,y``."""
+    return " ".join(f"{_text(x_m)},{_text(y_m)}" for x_m, y_m in points)
+
+
+def _text(value_m: float) -> str:
+    """Return a coordinate as text with a fixed number of decimals."""
+    return f"{value_m + 0.0:.{PRECISION}f}"
 
 
 def netconvert(parts: Mapping[str, ET.Element]) -> str:

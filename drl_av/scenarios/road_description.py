@@ -1,10 +1,9 @@
 """The description of a scenario: the road, its lanes, and the vehicles that it places exactly."""
 
-import math
 import re
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import Field, asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
@@ -14,9 +13,20 @@ import tomli_w
 
 from drl_av.config.section import setting
 from drl_av.errors import ScenarioError, pluralize
+from drl_av.road.road import Road, is_open_at, is_partial
+from drl_av.road.snapshot import EGO_ID
 from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, check_custom_types
-from drl_av.scenarios.layout import Layout
+from drl_av.scenarios.layout import (
+    Layout,
+    NetworkLane,
+    Plan,
+    connections,
+    require_network,
+    route_on,
+    split_long_edges,
+)
+from drl_av.scenarios.netconvert import network_text
 
 LANES = partial(setting, 3, low=1, high=10)
 LANE_WIDTH_M = partial(setting, 3.8, low=2, high=10)
@@ -95,7 +105,28 @@ class RoadDescription(ABC):
     meaning: ClassVar[str]
     """What the kind of scenario is, in the help of the command line."""
 
+    def __post_init__(self) -> None:
+        check_sizes(self)
+        self.check_vehicles()
+
     @abstractmethod
+    def plan(self) -> Plan:
+        """Return the plan of the described road: its edges, routes and lanes."""
+
+    def check_vehicles(self) -> None:
+        """Raise ScenarioError if a placed vehicle is off the road or too fast, or two overlap."""
+        road = self.plan().road
+        end_m = min(road.end_m, road.lap_m)
+        for number, vehicle in enumerate(self.vehicles):
+            front_m, rear_m = vehicle.position_m, vehicle.position_m - self.vehicle_length_m
+            what = f"Vehicle {vehicle.id!r} is placed on lane {vehicle.lane} at {front_m:g} m, but"
+            if front_m >= end_m or not is_open_at(vehicle.lane, front_m, road):
+                raise ScenarioError(f"{what} must be on a lane open there, before {end_m:g} m.")
+            if (rear_m < 0 and not road.is_loop) or not is_open_at(vehicle.lane, rear_m, road):
+                length = f"{self.vehicle_length_m:g} m"
+                raise ScenarioError(f"{what} its rear, {length} behind, must be on it too.")
+            check_placed(self, number, road)
+
     def network_text(self) -> str:
         """Return the text of the network file.
 
@@ -103,18 +134,64 @@ class RoadDescription(ABC):
             ScenarioError: netconvert refuses the description.
             SimulationError: netconvert cannot be run.
         """
+        return network_text(self.plan(), self.speed_limit_m_s)
 
-    @abstractmethod
     def read_layout(self, network: ET.Element, name: str) -> Layout:
         """Return the layout of a network; ``network`` is the root element of the file ``name``.
 
         Raises:
             ScenarioError: the road differs from the described one; the message contains ``name``.
         """
+        plan = split_long_edges(self.plan())
+        lanes, positions = dict[str, NetworkLane](), dict[str, tuple[int, float]]()
+        for edge in plan.edges:
+            size = edge.id, edge.end_m - edge.begin_m, self.lane_width_m
+            limits = edge.limits(self.speed_limit_m_s)
+            for index, (lane, limit_m_s) in enumerate(zip(edge.lanes, limits, strict=True)):
+                further = edge.lane_attributes.get(lane, {})
+                lanes[f"{edge.id}_{index}"] = NetworkLane(*size, limit_m_s, further)
+                positions[f"{edge.id}_{index}"] = lane, edge.begin_m
+        require_network(network, lanes, connections(plan), name)
+        ends_m = {edge.id: edge.end_m for edge in plan.edges}
+        return Layout(plan.road, plan.routes, positions, ends_m, plan.start)
 
     @abstractmethod
     def traffic(self) -> ET.Element:
         """Return SUMO's route file with the demo traffic, for SUMO alone."""
+
+    def routes_with(self, vehicles: Iterable[PlacedVehicle]) -> ET.Element:
+        """Return SUMO's route file with the routes of the road and vehicles at their places.
+
+        A vehicle departs at most at its desired speed, because SUMO alone refuses vehicles that
+        depart faster.
+        """
+        plan = split_long_edges(self.plan())
+        root = ET.Element("routes")
+        for name, edges in plan.routes.items():
+            ET.SubElement(root, "route", id=name, edges=" ".join(edges))
+        for vehicle in vehicles:
+            edge = next(
+                edge
+                for edge in reversed(plan.edges)
+                if edge.begin_m <= vehicle.position_m and vehicle.lane in edge.lanes
+            )
+            is_ego = vehicle.id == EGO_ID
+            name = route_on(plan.routes, edge.id, is_ego or is_partial(vehicle.lane, plan.road))
+            ET.SubElement(
+                root,
+                "vehicle",
+                id=vehicle.id,
+                type="ego" if is_ego else "traffic",
+                route=name,
+                depart="0",
+                departEdge=str(plan.routes[name].index(edge.id)),
+                departLane=str(vehicle.lane - edge.lanes[0]),
+                departPos=f"{vehicle.position_m - edge.begin_m:.2f}",
+                departSpeed=f"{min(vehicle.speed_m_s, vehicle.desired_speed_m_s):.2f}",
+                speedFactor=f"{vehicle.desired_speed_m_s / self.speed_limit_m_s:.4f}",
+                insertionChecks="none",
+            )
+        return root
 
     def additional(self) -> dict[str, ET.Element]:
         """Return {file name: root element} of more files that SUMO loads before its vehicles."""
@@ -123,10 +200,6 @@ class RoadDescription(ABC):
     def to_toml(self) -> str:
         """Return the description as TOML text, without its kind; ``from_toml`` reads it back."""
         return toml_text(self)
-
-    def speed_limit_at(self, lane: int, front_m: float) -> float:
-        """Return the speed limit of a vehicle whose front is at a position of a lane, m/s."""
-        return self.speed_limit_m_s
 
     @property
     def summary(self) -> str:
@@ -199,24 +272,25 @@ def require_ego(placed: Collection[PlacedVehicle]) -> None:
         )
 
 
-def check_placed(
-    description: Any, number: int, lanes: Collection[int], lap_m: float = math.inf
-) -> None:
+def check_placed(description: RoadDescription, number: int, road: Road) -> None:
     """Check the placed vehicle with the index ``number`` in ``description.vehicles``.
 
-    ``lanes`` are the lanes to which it may change, ``lap_m`` is the circumference of a loop.
-
     Raises:
-        ScenarioError: the vehicle starts faster than the speed limit, changes to a lane that is not
-            in ``lanes``, or overlaps or has the same id as a vehicle with a smaller index.
+        ScenarioError: the vehicle starts faster than the speed limit, changes to a lane that does
+            not extend along the whole road, or overlaps or has the same id as a vehicle with a
+            smaller index.
     """
     vehicle, long_m = description.vehicles[number], description.vehicle_length_m
-    limit_m_s = description.speed_limit_at(vehicle.lane, vehicle.position_m)
+    limits = road.speed_limits[vehicle.lane] if road.speed_limits else ()
+    here = (limit for begin_m, end_m, limit in limits if begin_m <= vehicle.position_m < end_m)
+    limit_m_s = next(here, description.speed_limit_m_s)
     if vehicle.speed_m_s > limit_m_s:
         raise ScenarioError(
             f"Vehicle {vehicle.id!r} starts at {vehicle.speed_m_s:g} m/s, but must not be "
             f"faster than the scenario's speed_limit_m_s, {limit_m_s:g}."
         )
+    flags = enumerate(road.open_lanes)
+    lanes = [lane for lane, is_open in flags if is_open and not is_partial(lane, road)]
     for time_s, to in vehicle.lane_changes:
         if to not in lanes:
             raise ScenarioError(
@@ -227,7 +301,7 @@ def check_placed(
         if vehicle.id == other.id:
             raise ScenarioError(f"Two vehicles are called {vehicle.id!r}: rename one.")
         ahead_m = abs(vehicle.position_m - other.position_m)
-        if vehicle.lane == other.lane and min(ahead_m, lap_m - ahead_m) < long_m:
+        if vehicle.lane == other.lane and min(ahead_m, road.lap_m - ahead_m) < long_m:
             raise ScenarioError(
                 f"Vehicles {other.id!r} and {vehicle.id!r} overlap on lane {vehicle.lane}: place "
                 f"them at least {long_m:g} m apart, front bumper to front bumper."

@@ -205,7 +205,7 @@ def test_vehicles_are_placed_on_an_imported_road(tmp_path: Path) -> None:
     ego = PlacedVehicle("ego", 0, 1250.0, 20.0, 25.0)
     write_scenario(tmp_path / "placed", east(vehicles=(ego,)))
     assert load_scenario(tmp_path / "placed").description.vehicles == (ego,)
-    with pytest.raises(ScenarioError, match="lane 0 at 1400 m, but must be on a lane that exists"):
+    with pytest.raises(ScenarioError, match="lane 0 at 1400 m, but must be on a lane open there"):
         east(vehicles=(PlacedVehicle("ego", 0, 1400.0, 20.0, 25.0),))
 
 

@@ -177,13 +177,7 @@ def test_the_command_writes_a_kind_as_it_ships(kind: str, folder: Callable[[str]
         ('id="after_1" index="1"', 'id="after_0" index="0"', r"other lanes .*'after_0'"),
         ("</edge>", '<lane id="ramp_0" index="0"/></edge>', r"other lanes .*'ramp_0'"),
         ('fromLane="1" toLane="0"', 'fromLane="1" toLane="1"', r"leads its lanes on otherwise"),
-        ('length="250.000000"', 'length="240.0"', r"has length 240.0 on lane 'beside_0', not 250"),
         ('width="3.800000"', 'width="wide"', r"has width wide on lane"),
-        (
-            'id="ramp_0"',
-            'id="ramp_0" disallow="bus"',
-            r"has disallow 'bus' on lane 'ramp_0', not N",
-        ),
     ],
 )
 def test_a_network_that_is_not_the_described_road_is_refused(
@@ -202,7 +196,7 @@ def test_a_network_that_is_not_the_described_road_is_refused(
     ("vehicle", "reason"),
     [
         (PlacedVehicle("slow", 0, 300.0, 10.0, 10.0), r"lane 0 at 300 m, but must be on a lane"),
-        (PlacedVehicle("slow", 1, 1250.0, 10.0, 10.0), r"lane 1 at 1250 m, but must be"),
+        (PlacedVehicle("slow", 1, 1250.0, 10.0, 10.0), r"but must be .*, before 1250 m\."),
         (PlacedVehicle("slow", 1, 402.0, 50.0, 50.0), r"faster than .* speed_limit_m_s, 40"),
         (PlacedVehicle("ego", 1, 600.0, 10.0, 10.0), r"Two vehicles are called 'ego'"),
         (PlacedVehicle("slow", 0, 404.0, 10.0, 10.0), r"'ego' and 'slow' overlap on lane 0"),
