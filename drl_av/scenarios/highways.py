@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from drl_av.config import EgoConfig
 from drl_av.config.section import setting
@@ -11,12 +12,60 @@ from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart
 from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription
 from drl_av.scenarios.road_description import longest_m
 
-OFF_RAMP_ASIDE_M = 40.0
-"""Lateral distance from the highway at which the end of the off-ramp is drawn."""
+ON_RAMP_ASIDE_M, OFF_RAMP_ASIDE_M = 20.0, 40.0
+"""Lateral distance from the highway at which the start of the on-ramp and the end of the off-ramp
+are drawn."""
+GORE_M = 500.0
+"""Position at which the on-ramp joins the highway."""
+SPEED_M_S = 15.0
+"""Speed of the ego at its start on the on-ramp."""
 AFTER_M = 100.0
 """Length of the ego's way after the point where the off-ramp separates from the highway."""
 SHORTEST_M = 10.0
 """Length of the shortest part of a road."""
+
+
+def plan_with_ramps(
+    description: OpenDescription,
+    parts: tuple[str, ...],
+    way: str,
+    ego_front_m: float,
+    after_m: float,
+    *ramps: PartialLane,
+) -> OpenPlan:
+    """Return a highway with an on-ramp, an off-ramp, or both in this order, which are lane 0.
+
+    Args:
+        description: The description of the highway.
+        parts: The names of its edges: before the lane of the first ramp, beside it, and so on.
+        way: The name of the ego's route, which begins on the on-ramp or in the left lane.
+        ego_front_m: Position of the ego's front bumper at the start.
+        after_m: Length of the ego's way after the lane of the last ramp.
+        ramps: The ramps, each joined to the highway along an acceleration or deceleration lane.
+    """
+    lanes, end_m = range(description.lanes + 1), ramps[-1].joined_to_m + after_m
+    joints_m = (at_m for ramp in ramps for at_m in (ramp.joined_from_m, ramp.joined_to_m))
+    ends_m = pairwise((0.0, *joints_m, end_m))
+    edges = [
+        Edge(name, begin_m, stop_m, lanes if place % 2 else lanes[1:])
+        for place, (name, (begin_m, stop_m)) in enumerate(zip(parts, ends_m, strict=True))
+    ]
+    route, ego_lane, speed_m_s, exit_m = [*parts], lanes[-1], None, math.inf
+    if (ramp := ramps[0]).begin_m < ramp.joined_from_m:
+        route[0], ego_lane, speed_m_s = "ramp", 0, SPEED_M_S
+        ends = ramp.begin_m, ramp.joined_from_m
+        edges.insert(1, Edge("ramp", *ends, range(1), (ON_RAMP_ASIDE_M, 0.0)))
+    if (ramp := ramps[-1]).joined_to_m < ramp.end_m:
+        route[-1], exit_m = "off_ramp", ramp.joined_to_m
+        edges.append(Edge("off_ramp", exit_m, end_m, range(1), (0.0, OFF_RAMP_ASIDE_M)))
+    every, through = (True,) * len(lanes), tuple(lanes[1:])
+    flow = end_m + BEYOND_M, description.flow_per_h
+    return OpenPlan(
+        edges=tuple(edges),
+        routes={"through": parts, way: tuple(route)},
+        road=Road(OPEN_LAP_M, description.lane_width_m, every, end_m, ramps, exit_m),
+        start=OpenStart(through, *flow, ego_lane, ego_front_m, speed_m_s),
+    )
 
 
 @dataclass(frozen=True)
@@ -52,27 +101,6 @@ class OffRamp(OpenDescription):
         exit_m = from_m + self.approach_m
         begin_m = exit_m - self.deceleration_lane_m
         return PartialLane(0, begin_m, math.inf, begin_m, exit_m)
-
-    def exit_edges(self, off_ramp: PartialLane) -> tuple[Edge, ...]:
-        """Return three edges: highway with deceleration lane, highway after it, and off-ramp."""
-        exit_m, through = off_ramp.joined_to_m, range(1, self.lanes + 1)
-        return (
-            Edge("exit", off_ramp.begin_m, exit_m, range(self.lanes + 1)),
-            Edge("after", exit_m, exit_m + AFTER_M, through),
-            Edge(
-                "off_ramp",
-                exit_m,
-                exit_m + AFTER_M,
-                range(1),
-                drawn_aside_m=(0.0, OFF_RAMP_ASIDE_M),
-            ),
-        )
-
-    def road_to_exit(self, *partial_lanes: PartialLane) -> Road:
-        """Return the road with these partial lanes; the last one is the off-ramp of the ego."""
-        exit_m = partial_lanes[-1].joined_to_m
-        lanes, end_m = (True,) * (self.lanes + 1), exit_m + AFTER_M
-        return Road(OPEN_LAP_M, self.lane_width_m, lanes, end_m, partial_lanes, exit_m)
 
 
 def require_usual_ego_reaches_exit(plan: OpenPlan, speed_limit_m_s: float) -> None:
@@ -115,24 +143,8 @@ class ExitDescription(OffRamp):
 
     def plan(self) -> OpenPlan:
         """Return the road: highway before, beside and after the deceleration lane, and off-ramp."""
-        off_ramp, through = self.off_ramp(START_M), range(1, self.lanes + 1)
-        road = self.road_to_exit(off_ramp)
-        return OpenPlan(
-            edges=(Edge("before", 0.0, off_ramp.begin_m, through), *self.exit_edges(off_ramp)),
-            routes={"through": ("before", "exit", "after"), "exit": ("before", "exit", "off_ramp")},
-            road=road,
-            start=OpenStart(
-                tuple(through), road.end_m + BEYOND_M, self.flow_per_h, self.lanes, START_M
-            ),
-        )
-
-
-GORE_M = 500.0
-"""Position at which the ramp joins the highway."""
-ON_RAMP_ASIDE_M = 20.0
-"""Lateral distance from the highway at which the start of the ramp is drawn."""
-SPEED_M_S = 15.0
-"""Speed of the ego at its start on the ramp."""
+        parts = "before", "exit", "after"
+        return plan_with_ramps(self, parts, "exit", START_M, AFTER_M, self.off_ramp(START_M))
 
 
 @dataclass(frozen=True)
@@ -154,21 +166,6 @@ class OnRamp(OpenDescription):
         end_m = GORE_M + self.acceleration_lane_m
         return PartialLane(0, begin_m, end_m, GORE_M, end_m)
 
-    @property
-    def entrance_edges(self) -> tuple[Edge, ...]:
-        """Three edges: highway before the ramp, ramp, and highway with the acceleration lane."""
-        ramp, through = self.on_ramp, range(1, self.lanes + 1)
-        return (
-            Edge("before", 0.0, GORE_M, through),
-            Edge("ramp", ramp.begin_m, GORE_M, range(1), drawn_aside_m=(ON_RAMP_ASIDE_M, 0.0)),
-            Edge("beside", GORE_M, ramp.end_m, range(self.lanes + 1)),
-        )
-
-    def start_on_ramp(self, end_m: float) -> OpenStart:
-        """Return the start positions on a road on which the ego's way ends at ``end_m``."""
-        through, front_m = tuple(range(1, self.lanes + 1)), GORE_M - self.ramp_m
-        return OpenStart(through, end_m + BEYOND_M, self.flow_per_h, 0, front_m, SPEED_M_S)
-
 
 @dataclass(frozen=True)
 class MergeDescription(OnRamp):
@@ -182,18 +179,8 @@ class MergeDescription(OnRamp):
 
     def plan(self) -> OpenPlan:
         """Return the road: on-ramp, and highway before, beside and after the acceleration lane."""
-        ramp = self.on_ramp
-        end_m = ramp.end_m + self.after_m
-        every = (True,) * (self.lanes + 1)
-        return OpenPlan(
-            edges=(
-                *self.entrance_edges,
-                Edge("after", ramp.end_m, end_m, range(1, self.lanes + 1)),
-            ),
-            routes={"through": ("before", "beside", "after"), "ramp": ("ramp", "beside", "after")},
-            road=Road(OPEN_LAP_M, self.lane_width_m, every, end_m, (ramp,)),
-            start=self.start_on_ramp(end_m),
-        )
+        parts, front_m = ("before", "beside", "after"), GORE_M - self.ramp_m
+        return plan_with_ramps(self, parts, "ramp", front_m, self.after_m, self.on_ramp)
 
 
 @dataclass(frozen=True)
@@ -204,22 +191,9 @@ class RampToRampDescription(OnRamp, OffRamp):
 
     def plan(self) -> OpenPlan:
         """Return the road, on which the acceleration lane ends before the deceleration lane."""
-        ramp = self.on_ramp
-        off_ramp = self.off_ramp(ramp.end_m)
-        road = self.road_to_exit(ramp, off_ramp)
-        return OpenPlan(
-            edges=(
-                *self.entrance_edges,
-                Edge("between", ramp.end_m, off_ramp.begin_m, range(1, self.lanes + 1)),
-                *self.exit_edges(off_ramp),
-            ),
-            routes={
-                "through": ("before", "beside", "between", "exit", "after"),
-                "way": ("ramp", "beside", "between", "exit", "off_ramp"),
-            },
-            road=road,
-            start=self.start_on_ramp(road.end_m),
-        )
+        parts, front_m = ("before", "beside", "between", "exit", "after"), GORE_M - self.ramp_m
+        ramps = self.on_ramp, self.off_ramp(self.on_ramp.end_m)
+        return plan_with_ramps(self, parts, "way", front_m, AFTER_M, *ramps)
 
 
 @dataclass(frozen=True)
