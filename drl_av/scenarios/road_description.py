@@ -1,5 +1,6 @@
 """The description of a scenario: the road, its lanes, and the vehicles that it places exactly."""
 
+import operator
 import re
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
@@ -315,34 +316,26 @@ def read_changes(changes: Any, vehicle: str, lane: int) -> tuple[TimedChange, ..
 
     Raises:
         ScenarioError: ``changes`` are not pairs of a time and a lane, the ego has lane changes, the
-            times do not increase, or a change does not lead to an adjacent lane.
+            times do not increase from 0 on, or a change does not lead to an adjacent lane.
     """
-    if not isinstance(changes, list | tuple) or not all(map(_is_change, changes)):
+    try:
+        found = tuple((0.0 + time_s, operator.index(to)) for time_s, to in changes)
+    except (TypeError, ValueError, OverflowError) as error:
         raise ScenarioError(
             f"Vehicle {vehicle!r}: lane_changes is {changes!r}, but must be pairs [time, lane] of "
-            f"a number of seconds from 0 to {LATEST_S:g} and a whole number."
-        )
-    if changes and vehicle == "ego":
+            "a number of seconds and a whole number."
+        ) from error
+    if found and vehicle == "ego":
         raise ScenarioError(
             "The ego has lane_changes, but its driver decides its lanes: leave them out."
         )
-    found = tuple((float(time_s), int(to)) for time_s, to in changes)
     before_s, beside = -1.0, lane
     for time_s, to in found:
-        if time_s <= before_s or abs(to - beside) != 1:
+        if not 0 <= time_s <= LATEST_S or time_s <= before_s or abs(to - beside) != 1:
             raise ScenarioError(
                 f"Vehicle {vehicle!r}: lane_changes has {time_s:g} s to lane {to}, but each change "
-                f"must come after the one before and lead to a lane beside it, here {beside}."
+                f"must come after the one before, from 0 to {LATEST_S:g} s, and lead to a lane "
+                f"beside it, here {beside}."
             )
         before_s, beside = time_s, to
     return found
-
-
-def _is_change(change: Any) -> bool:
-    return (
-        isinstance(change, list | tuple)
-        and len(change) == 2
-        and type(change[0]) in (int, float)
-        and 0 <= change[0] <= LATEST_S
-        and type(change[1]) is int
-    )

@@ -74,8 +74,6 @@ def from_toml(text: str, name: str = "scenario.toml") -> RoadDescription:
         kind = values.pop("kind", "loop")
         if kind not in ROAD_TYPES:
             raise unknown_road_type(kind)
-        if isinstance(values.get("barricaded_lanes"), list):
-            values["barricaded_lanes"] = tuple(values["barricaded_lanes"])
         if isinstance(values.get(NET), str) and values[NET]:
             values[NET] = str(Path(name).parent / values[NET])
         if FILES in values:
