@@ -14,6 +14,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.scenarios.folder import load_scenario, write_scenario
 from drl_av.scenarios.highways import ExitDescription, MergeDescription, StraightDescription
 from drl_av.scenarios.layout import split_long_edges
+from drl_av.scenarios.loop import ScenarioDescription
 from drl_av.scenarios.open_road import OpenDescription
 
 
@@ -26,9 +27,10 @@ def test_a_straight_road_of_2800_m_has_seven_edges_of_400_m(tmp_path: Path) -> N
     assert layout.lane_positions["road.6_2"] == (2, 2400.0)
 
 
-def test_a_road_of_2000_m_with_its_run_out_is_one_edge() -> None:
+def test_a_road_of_2000_m_with_its_run_out_is_one_edge_and_a_loop_has_four() -> None:
     assert len(split_long_edges(StraightDescription(length_m=1200.0).plan()).edges) == 1
     assert len(split_long_edges(StraightDescription(length_m=1201.0).plan()).edges) == 6
+    assert len(split_long_edges(ScenarioDescription(9000.0).plan()).edges) == 4
 
 
 def test_only_the_long_edge_before_an_exit_is_divided() -> None:
