@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from drl_av.config import Config
 from drl_av.config.section import did_you_mean
@@ -145,10 +146,12 @@ def load_scenario(folder: str | Path) -> Scenario:
         root = read_xml(path, *((OWN_ADDITIONAL, OWN_FILES) if own else (ADDITIONAL, WRITE_AGAIN)))
         in_path = [each.attrib for each in root.iter("vType")]
         types += in_path
-        description = _with_types(description, in_path, str(path))
+        kinds = (*description.vehicle_types, *_own_types(in_path, str(path)))
+        description = _with(description, str(path), vehicle_types=kinds)
     names = [each.id for each in description.vehicle_types]
     vehicle_types = read_types(types, str(types_file), names)
-    description = _with_sizes(description, vehicle_types, str(types_file))
+    sizes = {"vehicle_length_m": vehicle_types.longest_m, "vehicle_width_m": vehicle_types.widest_m}
+    description = _with(description, str(types_file), **sizes)
     read_xml(folder / folder_files.VIEW_FILE, VIEW, WRITE_AGAIN)
     network_file = folder / NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_AGAIN)
@@ -176,22 +179,19 @@ def read_description(path: Path, remedy: str = WRITE_AGAIN) -> RoadDescription:
     return from_toml(_text(path, remedy), str(path))
 
 
-def _with_types(
-    description: RoadDescription, types: Sequence[Mapping[str, str]], name: str
-) -> RoadDescription:
-    """Return the description with the types of a file's ``vTypeDistribution`` as types of its own.
-
-    Their shares are their probabilities, divided by the sum of these.
-    """
-    own = _own_types(types, name)
+def _with(description: RoadDescription, name: str, **values: Any) -> RoadDescription:
+    """Return the description with values from the file ``name`` of its folder."""
     try:
-        return replace(description, vehicle_types=(*description.vehicle_types, *own))
+        return replace(description, **values)
     except ScenarioError as error:
         raise ScenarioError(f"{name}: {error}") from error
 
 
 def _own_types(types: Sequence[Mapping[str, str]], name: str) -> list[CustomVehicleType]:
-    """Return the vehicle types of a file's vType elements; ``name`` begins each message."""
+    """Return the vehicle types of a file's vType elements; ``name`` begins each message.
+
+    Their shares are their probabilities, divided by the sum of these.
+    """
     try:
         shares = [number_of({"probability": "1", **each}, "probability") for each in types]
         return [
@@ -216,16 +216,6 @@ def _require_named(folder: Path, known: set[str]) -> None:
             f'["{others[0]}"] into {folder_files.DESCRIPTION_FILE} for detectors and types, and '
             "drive among vehicles of your own with drl_av.attach."
         )
-
-
-def _with_sizes(description: RoadDescription, types: VehicleTypes, name: str) -> RoadDescription:
-    """Return the description with the vehicle types' sizes, which the user may have changed."""
-    try:
-        return replace(
-            description, vehicle_length_m=types.longest_m, vehicle_width_m=types.widest_m
-        )
-    except ScenarioError as error:
-        raise ScenarioError(f"{name}: {error}") from error
 
 
 def _require_unchanged(folder: Path) -> bool:

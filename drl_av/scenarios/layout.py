@@ -132,6 +132,8 @@ def route_on(routes: Mapping[str, tuple[str, ...]], edge: str, is_way: bool) -> 
 
 Connection = tuple[str, str, str, str]
 """A connection of two lanes in SUMO: edge, index of its lane, next edge, index of its lane."""
+CONNECTION = ("from", "fromLane", "to", "toLane")
+"""The SUMO attributes of a connection."""
 
 
 def connections(plan: Plan) -> set[Connection]:
@@ -179,8 +181,8 @@ def require_network(
     Raises:
         ScenarioError: the network differs from the description; the message contains ``name``.
     """
-    keys = ("from", "fromLane", "to", "toLane")
-    found = {tuple(each.attrib.get(key, "") for key in keys) for each in network.iter("connection")}
+    ways = network.iter("connection")
+    found = {tuple(way.get(key, "") for key in CONNECTION) for way in ways}
     reason = _difference(network, lanes)
     if reason is None and found != connections:
         reason = "leads its lanes on otherwise than described"

@@ -183,13 +183,8 @@ def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]
     if description.vehicles:
         return description.vehicles
     lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]
-    rows = min(
-        math.ceil(DEMO_VEHICLES / len(lanes)),
-        max(
-            1,
-            math.floor(description.circumference_m / max(DEMO_PITCH_M, 6 * longest_m(description))),
-        ),
-    )
+    most = math.floor(description.circumference_m / max(DEMO_PITCH_M, 6 * longest_m(description)))
+    rows = min(math.ceil(DEMO_VEHICLES / len(lanes)), max(1, most))
     pitch_m = description.circumference_m / rows
     return tuple(
         PlacedVehicle(

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from drl_av.errors import ScenarioError, SimulationError
-from drl_av.scenarios.layout import Edge, Plan, Point, connections, split_long_edges
+from drl_av.scenarios.layout import CONNECTION, Edge, Plan, Point, connections, split_long_edges
 from drl_av.sumo_programs import missing_library, program
 
 NETWORK_FILE = "highway.net.xml"
@@ -48,8 +48,7 @@ def network_text(plan: Plan, speed_limit_m_s: float) -> str:
                 ET.SubElement(roots["node"], "node", {"id": nodes[end]} | place)
         _add_edge(roots["edge"], edge, [nodes[end] for end in ends], plan, speed_limit_m_s)
     for way in sorted(connections(plan)):
-        keys = ("from", "fromLane", "to", "toLane")
-        ET.SubElement(roots["connection"], "connection", dict(zip(keys, way, strict=True)))
+        ET.SubElement(roots["connection"], "connection", dict(zip(CONNECTION, way, strict=True)))
     return netconvert(roots)
 
 

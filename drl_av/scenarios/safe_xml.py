@@ -108,18 +108,14 @@ def parse_xml(path: Path, target: Any, remedy: str, if_too_large: str = "") -> A
         raise ScenarioError(f"{path} is compressed: unpack it with gunzip.")
     parser = ET.XMLParser(target=target, encoding="utf-8")  # overrides the file's declaration
     try:
-        text = _decoded(data)
+        parser.feed(_decoded(data).encode())
+        return parser.close()
+    except (ET.ParseError, KeyError, UnicodeError) as error:
+        raise ScenarioError(f"{path} is damaged or cut short ({error}): {remedy}.") from error
     except LookupError as error:
         raise ScenarioError(
             f"{path} has an encoding that Python does not know ({error}): save it as UTF-8."
         ) from error
-    except UnicodeError as error:
-        raise ScenarioError(f"{path} is damaged or cut short ({error}): {remedy}.") from error
-    try:
-        parser.feed(text.encode())
-        return parser.close()
-    except (ET.ParseError, LookupError, UnicodeError) as error:
-        raise ScenarioError(f"{path} is damaged or cut short ({error}): {remedy}.") from error
     except ValueError as error:
         raise ScenarioError(f"{path} cannot be used, {error}: {remedy}.") from error
 
