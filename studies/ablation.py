@@ -28,7 +28,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.errors import DrlAvError
-from drl_av.files import append_rows, column_types, read_table
+from drl_av.files.table import append_rows, column_types, read_table
 from drl_av.learning.large_scale import learner_of, save_actor
 from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
 from drl_av.twin.worlds import FloatArray, IntArray

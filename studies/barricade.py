@@ -26,7 +26,7 @@ from drl_av.env.transition import Transition
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, order_by
-from drl_av.files import Row
+from drl_av.files.table import Row
 from drl_av.road.road import Road, is_open
 from drl_av.road.snapshot import CollisionKind
 from studies.options import Call, Options, Plan, Program, Settings

@@ -16,7 +16,8 @@ from drl_av.evaluation.episodes import EpisodeJob, Setup, drive_episodes
 from drl_av.evaluation.figure_style import save_figure
 from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs, ResultTable, report_corrupt_table
-from drl_av.files import Row, make_folder, require_writable, write_table
+from drl_av.files.atomic import make_folder, require_writable
+from drl_av.files.table import Row, write_table
 from studies.options import Call, Options, Plan, Study
 from studies.trainings import TrainingJob, TrainingRows, train_job
 

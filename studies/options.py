@@ -10,7 +10,7 @@ from drl_av.drivers.registry import default_config, find_drivers
 from drl_av.errors import ConfigError
 from drl_av.evaluation import LOKY
 from drl_av.evaluation.table import Inputs
-from drl_av.files import Row
+from drl_av.files.table import Row
 from drl_av.scenarios.folder import with_scenario
 
 if TYPE_CHECKING:

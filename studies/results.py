@@ -6,7 +6,7 @@ from typing import Any
 
 from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.table import read_rows, report_corrupt_table
-from drl_av.files import Row
+from drl_av.files.table import Row
 
 
 class ResultsFolder:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from drl_av.config import Config, load_config
 from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError, RunError, pluralize
-from drl_av.files import Row, read_table
+from drl_av.files.table import Row, read_table
 
 
 @dataclass(frozen=True)

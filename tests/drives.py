@@ -12,7 +12,7 @@ from programs import python
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.recording import Recording
-from drl_av.files import Row
+from drl_av.files.table import Row
 
 KEEP, BRAKE, HARD_BRAKE, RIGHT, LEFT = 0, 2, 3, 4, 8
 """Numbers of actions; right and left at an unchanged speed."""

@@ -23,7 +23,7 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.recording import Recording, load_recording
 from drl_av.evaluation.table import Inputs, ResultTable, order_by, read_results
-from drl_av.files import table_bytes
+from drl_av.files.table import table_bytes
 from drl_av.scenarios.folder import (
     find_scenario,
     load_scenario,

@@ -26,7 +26,7 @@ from drl_av.env.transition import Observation
 from drl_av.evaluation.provenance import provenance, read_provenance, write_provenance
 from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.table import settings_mismatch, stored_config
-from drl_av.files import append_rows, read_table
+from drl_av.files.table import append_rows, read_table
 from drl_av.simulation.population import DriverModel
 from verification.auditor import BETWEEN, BRAKES, LEAVES, SOONER, THROUGH, Auditor, Breach
 from verification.program import Program, run_program

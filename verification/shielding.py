@@ -28,7 +28,8 @@ from drl_av.env.rollout import drive
 from drl_av.env.transition import Observation, Transition
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.provenance import provenance, read_provenance, write_provenance
-from drl_av.files import append_rows, read_table, require_writable
+from drl_av.files.atomic import require_writable
+from drl_av.files.table import append_rows, read_table
 from verification.program import Program, run_program
 from verification.shielding_report import COLUMNS, FINAL, METHODS, TRAINING, figure, table
 

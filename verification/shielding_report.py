@@ -7,7 +7,7 @@ import numpy as np
 
 from drl_av.evaluation.figure_style import label_axes, panels, save_figure
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
-from drl_av.files import Row
+from drl_av.files.table import Row
 from studies.results import ResultsFolder, markdown_table
 
 METHODS = ("masking", "replacement", "replacement and penalty")

@@ -17,7 +17,8 @@ from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.evaluation.provenance import provenance, write_provenance
-from drl_av.files import require_writable, write_table
+from drl_av.files.atomic import require_writable
+from drl_av.files.table import write_table
 from verification.program import Program, run_program
 from verification.traffic_tally import TrafficTally
 

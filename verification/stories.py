@@ -16,7 +16,8 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.evaluation.evaluate import evaluate
 from drl_av.evaluation.provenance import provenance, write_provenance
-from drl_av.files import Row, require_writable, write_table
+from drl_av.files.atomic import require_writable
+from drl_av.files.table import Row, write_table
 from studies.results import ResultsFolder, markdown_table
 from verification.program import Program, run_program
 

@@ -133,7 +133,7 @@ def evaluate(options: argparse.Namespace) -> int:
         summarize,
         write_summaries,
     )
-    from drl_av.files import make_folder, require_suffix, require_writable
+    from drl_av.files.atomic import make_folder, require_suffix, require_writable
     from drl_av.simulation.sumo_options import files_of_sumo
 
     if options.engine == RAY:
@@ -240,7 +240,7 @@ def _rows(
     from drl_av.evaluation.criticality import CriticalityResult
     from drl_av.evaluation.episodes import drive_episodes
     from drl_av.evaluation.table import report_corrupt_table, results_of, settings_mismatch
-    from drl_av.files import column_types
+    from drl_av.files.table import column_types
 
     jobs, held = evaluation.jobs, set[tuple[int, int, str]]()
     if table:

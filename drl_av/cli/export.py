@@ -27,7 +27,7 @@ def export(options: argparse.Namespace) -> int:
     from drl_av.drivers.registry import driver_names
     from drl_av.driving.observation_scale import ObservationScale
     from drl_av.errors import ConfigError
-    from drl_av.files import require_suffix, require_writable
+    from drl_av.files.atomic import require_suffix, require_writable
     from drl_av.scenarios.folder import find_scenario, load_scenario
 
     require_suffix(options.out, ".onnx")

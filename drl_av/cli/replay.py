@@ -98,7 +98,7 @@ def replay(options: argparse.Namespace) -> int:
     """
     from drl_av.drawing.film import require_film
     from drl_av.drawing.page import PageEpisode, write_page
-    from drl_av.files import require_suffix, require_writable
+    from drl_av.files.atomic import require_suffix, require_writable
     from drl_av.simulation.sumo_options import files_of_sumo, option_words
 
     if options.html and options.rate is not None:
@@ -251,7 +251,7 @@ def _show(
     from drl_av.env.transition import Transition
     from drl_av.env.video import Film
     from drl_av.evaluation.replay import FCD_OPTIONS, Pacer, page_episode
-    from drl_av.files import replacing
+    from drl_av.files.atomic import replacing
 
     pace = options.rate or USUAL_RATE
     with ExitStack() as stack:
@@ -275,7 +275,7 @@ def _show(
 
 def _draw_sheet(options: argparse.Namespace, sessions: "Sequence[ReplaySession]") -> int:
     from drl_av.evaluation.replay import contact_sheet
-    from drl_av.files import write_atomic
+    from drl_av.files.atomic import write_atomic
 
     write_atomic(options.sheet, contact_sheet(sessions, options.worst))
     print(

@@ -16,39 +16,26 @@ from typing import Any
 
 import tomli_w
 
-from drl_av.config.drivers import DriverConfig, FiniteStateConfig, Level0Config, MobilConfig
-from drl_av.config.ego import DESIRED_VALUES, EgoConfig, ObservationConfig, RewardConfig
-from drl_av.config.learning import REPLAYS, LearningConfig, PpoConfig
-from drl_av.config.safety import SafetyConfig, StrictConfig
+from drl_av.config.drivers import DriverConfig as DriverConfig
+from drl_av.config.drivers import FiniteStateConfig as FiniteStateConfig
+from drl_av.config.drivers import Level0Config as Level0Config
+from drl_av.config.drivers import MobilConfig as MobilConfig
+from drl_av.config.ego import DESIRED_VALUES as DESIRED_VALUES
+from drl_av.config.ego import EgoConfig as EgoConfig
+from drl_av.config.ego import ObservationConfig as ObservationConfig
+from drl_av.config.ego import RewardConfig as RewardConfig
+from drl_av.config.learning import REPLAYS as REPLAYS
+from drl_av.config.learning import LearningConfig as LearningConfig
+from drl_av.config.learning import PpoConfig as PpoConfig
+from drl_av.config.safety import SafetyConfig as SafetyConfig
+from drl_av.config.safety import StrictConfig as StrictConfig
 from drl_av.config.section import did_you_mean
-from drl_av.config.simulation import SimulationConfig
-from drl_av.config.traffic import SINGLE_PRESETS, TRAFFIC_PRESETS, TrafficConfig, traffic_preset
+from drl_av.config.simulation import SimulationConfig as SimulationConfig
+from drl_av.config.traffic import SINGLE_PRESETS as SINGLE_PRESETS
+from drl_av.config.traffic import TRAFFIC_PRESETS as TRAFFIC_PRESETS
+from drl_av.config.traffic import TrafficConfig as TrafficConfig
+from drl_av.config.traffic import traffic_preset as traffic_preset
 from drl_av.errors import ConfigError
-
-__all__ = [
-    "DESIRED_VALUES",
-    "REPLAYS",
-    "SINGLE_PRESETS",
-    "TRAFFIC_PRESETS",
-    "Config",
-    "DriverConfig",
-    "EgoConfig",
-    "FiniteStateConfig",
-    "LearningConfig",
-    "Level0Config",
-    "MobilConfig",
-    "ObservationConfig",
-    "PpoConfig",
-    "RewardConfig",
-    "SafetyConfig",
-    "SimulationConfig",
-    "StrictConfig",
-    "TrafficConfig",
-    "from_sections",
-    "from_toml",
-    "load_config",
-    "with_files",
-]
 
 
 @dataclass(frozen=True)

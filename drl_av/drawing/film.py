@@ -13,7 +13,7 @@ from PIL import Image
 
 from drl_av.drawing.picture import Picture
 from drl_av.errors import RecordingError, needed_by
-from drl_av.files import replacing
+from drl_av.files.atomic import replacing
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import Snapshot
 

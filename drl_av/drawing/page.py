@@ -8,7 +8,7 @@ from typing import Any
 
 from drl_av.drawing.canvas import EGO_COLOR, FAST_M_S, SLOW_M_S, SPEED_COLORS
 from drl_av.driving.actions import ACTIONS
-from drl_av.files import write_atomic
+from drl_av.files.atomic import write_atomic
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road
 from drl_av.road.snapshot import Snapshot
 

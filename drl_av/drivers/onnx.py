@@ -20,7 +20,7 @@ from drl_av.driving.observation_scale import ObservationScale, indicator_meaning
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_NAMES
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, needed_by
-from drl_av.files import write_atomic
+from drl_av.files.atomic import write_atomic
 
 Constants = Mapping[str, npt.NDArray[Any]]
 """The constants of a graph by their names."""

@@ -16,7 +16,7 @@ from drl_av.drivers.network import Layers, QNetwork
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import observed_indicators
 from drl_av.errors import CheckpointError, ConfigError, RunError
-from drl_av.files import write_atomic
+from drl_av.files.atomic import write_atomic
 
 State = dict[str, np.ndarray]
 """Arrays by name."""

@@ -20,7 +20,7 @@ from drl_av.config.functions import (
 )
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
-from drl_av.files import files_digest
+from drl_av.files.atomic import files_digest
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario
 from drl_av.simulation.sumo_options import option_words

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drl_av.files import make_folder, write_atomic
+from drl_av.files.atomic import make_folder, write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,7 +23,7 @@ from drl_av.evaluation.statistics import (
     mean_with_interval,
     scores,
 )
-from drl_av.files import PlainNumber, read_table
+from drl_av.files.table import PlainNumber, read_table
 from drl_av.road.road import FloatArray
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info
 from drl_av.config import Config
 from drl_av.drivers import policy_file
 from drl_av.errors import DrlAvError
-from drl_av.files import write_atomic
+from drl_av.files.atomic import write_atomic
 
 PACKAGES = ("drl-av", "eclipse-sumo", "torch", "numpy", "gymnasium")
 INTEGRATION = "semi-implicit Euler"

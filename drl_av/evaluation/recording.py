@@ -22,7 +22,7 @@ from drl_av.env.rollout import Watcher, drive
 from drl_av.env.transition import Transition
 from drl_av.errors import RecordingError, printable
 from drl_av.evaluation import NEAR_MISS_DRAC_M_S2, NEAR_MISS_TTC_S
-from drl_av.files import write_atomic
+from drl_av.files.atomic import write_atomic
 from drl_av.road.road import FloatArray, Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario

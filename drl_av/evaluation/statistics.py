@@ -18,7 +18,7 @@ from drl_av.evaluation.aggregates import (
     performance_profile,
     probability_of_improvement,
 )
-from drl_av.files import write_atomic
+from drl_av.files.atomic import write_atomic
 from drl_av.road.road import FloatArray
 
 OPTIONAL = ("exits_taken", "merged", "trainings")

@@ -22,18 +22,16 @@ from drl_av.evaluation.provenance import (
     read_provenance,
     write_provenance,
 )
-from drl_av.files import (
+from drl_av.files.atomic import files_digest, make_folder, require_writable
+from drl_av.files.locks import hold
+from drl_av.files.table import (
     LARGEST,
     SHOWN,
     PlainNumber,
     Row,
     column_types,
-    files_digest,
-    hold,
-    make_folder,
     parse_cell,
     read_table,
-    require_writable,
     write_table,
 )
 

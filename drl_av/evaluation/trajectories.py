@@ -9,7 +9,7 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.errors import DrlAvError, needed_by
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.recording import COLUMNS, Recording, load_recording
-from drl_av.files import write_atomic
+from drl_av.files.atomic import write_atomic
 from drl_av.road.snapshot import EGO
 
 if TYPE_CHECKING:

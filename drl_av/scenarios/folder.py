@@ -13,7 +13,7 @@ from drl_av.config import Config
 from drl_av.config.section import did_you_mean
 from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
 from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError
-from drl_av.files import replacing
+from drl_av.files.atomic import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
 from drl_av.scenarios import folder_files

@@ -26,7 +26,7 @@ from drl_av.evaluation.figures import (
 )
 from drl_av.evaluation.statistics import gains_over_fastest
 from drl_av.evaluation.table import require_values, results_of
-from drl_av.files import read_table, write_table
+from drl_av.files.table import read_table, write_table
 
 SHORT = ["-o", "simulation.decisions_per_episode=4"]
 

@@ -14,7 +14,7 @@ from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import table as module
 from drl_av.evaluation.table import Inputs, ResultTable, order_by, read_rows, results_of
-from drl_av.files import Row
+from drl_av.files.table import Row
 
 CONFIG = Config()
 INPUTS = Inputs({"": CONFIG}, {"mine": "abc"})
@@ -233,7 +233,9 @@ def test_a_second_process_may_not_write_to_the_table(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     table = ResultTable(path, INPUTS, PLACE)
     ResultTable(path, INPUTS, PLACE)  # the same process may
-    program = f"from pathlib import Path; from drl_av.files import hold; hold(Path({str(path)!r}))"
+    program = (
+        f"from pathlib import Path; from drl_av.files.locks import hold; hold(Path({str(path)!r}))"
+    )
     second = python("-c", program)
     assert second.returncode == 1
     assert f"Another process is writing to {path}: wait for it" in second.stderr

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drl_av.errors import DrlAvError
-from drl_av.files import (
+from drl_av.files.table import (
     PlainNumber,
     PossiblyInfinite,
     append_rows,

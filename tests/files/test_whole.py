@@ -11,7 +11,7 @@ from runs import disk_tape
 
 from drl_av.errors import DrlAvError, RecordingError
 from drl_av.evaluation.figure_style import one_panel, save_figure
-from drl_av.files import replacing, require_suffix, require_writable, write_atomic
+from drl_av.files.atomic import replacing, require_suffix, require_writable, write_atomic
 
 
 def test_a_link_is_written_through_and_stays_a_link(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ KILLED = """
 import os, signal, sys
 from collections.abc import Callable
 from pathlib import Path
-from drl_av.files import replacing
+from drl_av.files.atomic import replacing
 with replacing(Path(sys.argv[1])) as unfinished:
     unfinished.write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

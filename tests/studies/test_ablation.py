@@ -6,7 +6,7 @@ import pytest
 
 from drl_av.config import SINGLE_PRESETS
 from drl_av.errors import DrlAvError
-from drl_av.files import read_table
+from drl_av.files.table import read_table
 from drl_av.learning.large_scale import learner_of, save_actor
 from studies import ablation
 from studies.ablation import VARIANTS, TwinWorlds, TwoSecondWorlds, settings

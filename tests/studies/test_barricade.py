@@ -15,7 +15,7 @@ from drl_av.drivers.network import QNetwork
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.evaluation.table import read_rows
-from drl_av.files import write_table
+from drl_av.files.table import write_table
 from studies import barricade
 from studies.barricade import (
     BARRICADE,

@@ -20,7 +20,7 @@ from drl_av.errors import DrlAvError, RunError
 from drl_av.evaluation import engines
 from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import read_rows
-from drl_av.files import write_table
+from drl_av.files.table import write_table
 from studies import adaptation, learning_curves
 from studies import engine as module
 from studies.adaptation import ADAPTATION, adaptation_figure, adaptation_table

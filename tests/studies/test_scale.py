@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drl_av.config import SINGLE_PRESETS
-from drl_av.files import read_table
+from drl_av.files.table import read_table
 from studies import scale
 
 
