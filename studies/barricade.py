@@ -17,7 +17,7 @@ from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action
-from drl_av.driving.maneuver import next_lane_change
+from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
@@ -25,11 +25,11 @@ from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import grouped, mean_with_interval
-from drl_av.evaluation.table import Inputs, order_by
+from drl_av.evaluation.table import Inputs
 from drl_av.files.table import Row
 from drl_av.road.road import Road, is_open
 from drl_av.road.snapshot import CollisionKind
-from studies.options import Call, Options, Plan, Program, Settings
+from studies.options import Call, Options, Plan, Program, Settings, order_by
 from studies.results import ResultsFolder, markdown_table
 
 if TYPE_CHECKING:
@@ -85,9 +85,7 @@ class BarricadeMetrics(EpisodeMetrics):
             self.hit = edge if decision.collision.kind is CollisionKind.HIT_EDGE else vehicle
 
     def _enters_closed_lane(self, scene: Scene, action: Action) -> bool:
-        lane = scene.affordances.lane
-        if change := next_lane_change(scene.lane_change, lane, action.lateral):
-            lane = change.target
+        _, lane = next_change(*scene.lanes, scene.affordances.lane, action.lateral.sign)
         return 0 <= lane < len(self._road.open_lanes) and not is_open(lane, self._road)
 
 

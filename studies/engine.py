@@ -1,17 +1,19 @@
 """Makes the missing rows of a study's table: trains drivers, and evaluates them."""
 
+import os
 import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from uuid import uuid4
 
 from drl_av.config import Config
 from drl_av.drivers.registry import DriverSpec, find_drivers
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import RAY
-from drl_av.evaluation.engines import ENGINES, require_shared
+from drl_av.evaluation.engines import ENGINES, cluster
 from drl_av.evaluation.episodes import EpisodeJob, Setup, drive_episodes
 from drl_av.evaluation.figure_style import save_figure
 from drl_av.evaluation.provenance import checksum
@@ -136,6 +138,41 @@ def _make(plan: Plan, table: ResultTable, options: Options) -> Iterator[Progress
     finally:
         if any(rounds) or episodes or calls:
             table.save(**facts)
+
+
+def require_shared(folder: Path) -> None:
+    """Check that all machines of the Ray cluster at ``RAY_ADDRESS`` see the same ``folder``.
+
+    Each machine must see a file that this one writes there. Without ``RAY_ADDRESS`` all jobs run on
+    this machine.
+
+    Raises DrlAvError if a machine does not see it.
+    """
+    if "RAY_ADDRESS" not in os.environ:
+        return
+    import ray
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    mark = folder / f".shared-{uuid4().hex}"
+    mark.touch()
+    try:
+        with cluster(1):
+            exists: Any = ray.remote(num_cpus=0)(lambda path: os.path.exists(path))
+            answers = dict[str, Any]()
+            nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
+            for node in nodes:
+                if node["Alive"]:
+                    there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+                    asked = exists.options(scheduling_strategy=there).remote(str(mark))
+                    answers[node["NodeManagerHostname"]] = asked
+            blind = [host for host, answer in answers.items() if not ray.get(answer)]
+    finally:
+        mark.unlink(missing_ok=True)
+    if blind:
+        raise DrlAvError(
+            f"{', '.join(blind)} of the Ray cluster cannot see the files in {folder}: give --runs "
+            "a folder that all its machines share."
+        )
 
 
 def _missing_rows(rows: TrainingRows, table: ResultTable) -> bool:

@@ -19,10 +19,10 @@ from drl_av.config.presets import LITERAL
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
-from drl_av.evaluation.table import Inputs, order_by
+from drl_av.evaluation.table import Inputs
 from drl_av.files.table import Row
 from drl_av.road.road import FloatArray
-from studies.options import Options, Plan, Program, Settings
+from studies.options import Options, Plan, Program, Settings, order_by
 from studies.results import ResultsFolder, markdown_table
 from studies.trainings import TrainingJob, TrainingRows, evaluations_of
 

@@ -1,6 +1,6 @@
 """The options of ``python -m studies``, and what all kinds of studies have in common."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -131,6 +131,24 @@ class Plan(NamedTuple):
     cells: "Sequence[EpisodeCell]" = ()
     """Evaluation episodes, some of drivers that are trained first."""
     calls: Sequence[Call] = ()
+
+
+def order_by(
+    **columns: Iterable[object] | Callable[[str], Any],
+) -> Callable[[Row], tuple[Any, ...]]:
+    """Return a function that returns the place of a row: by the first column, then the second, ...
+
+    The argument for a column is either all of its values in their order, or a function that
+    converts the text of a cell, such as ``int``. The returned function raises ValueError or
+    LookupError for a row with another value or without the column.
+    """
+    places: dict[str, Callable[[str], Any]] = {
+        column: values
+        if callable(values)
+        else {str(value): place for place, value in enumerate(values)}.__getitem__
+        for column, values in columns.items()
+    }
+    return lambda row: tuple(place(row[column]) for column, place in places.items())
 
 
 class Study(Protocol):

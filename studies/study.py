@@ -17,10 +17,10 @@ from drl_av.env.metrics import EpisodeMetrics
 from drl_av.errors import ConfigError
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.provenance import checksum
-from drl_av.evaluation.table import Inputs, order_by
+from drl_av.evaluation.table import Inputs
 from drl_av.files.table import Row
 from studies.engine import EpisodeCell
-from studies.options import Options, Plan, Settings
+from studies.options import Options, Plan, Settings, order_by
 from studies.trainings import TrainingJob
 
 if TYPE_CHECKING:

@@ -65,7 +65,7 @@ from benchmark_rows import (
     worlds_rows,
 )
 
-from drl_av.evaluation.provenance import made_by
+from verification.program import made_by
 
 
 def of_learning(name: str) -> Callable[[Sequence[int], ExitStack], list[Row]]:

@@ -17,7 +17,7 @@ from pathlib import Path
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import pluralize
-from drl_av.evaluation.provenance import made_by
+from verification.program import made_by
 
 CALM = {"traffic": {"kind": "calm"}}
 SEEDS = 3_000

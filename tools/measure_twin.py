@@ -17,7 +17,7 @@ import numpy as np
 
 from drl_av.config import Config
 from drl_av.env.vector import TwinVectorEnv
-from drl_av.evaluation.provenance import made_by
+from verification.program import made_by
 
 FIRST = """
 import time

@@ -23,7 +23,7 @@ from stable_baselines3 import DQN
 
 import drl_av
 from drl_av.drivers.checked import PolicyDriver
-from drl_av.evaluation.provenance import made_by
+from verification.program import made_by
 
 BY_HAND: dict[str, Any] = {
     "learning_rate": 1e-3,

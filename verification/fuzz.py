@@ -22,7 +22,7 @@ from drl_av.drivers.policy_file import PRETRAINED, load_policy
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.recording import Recording, load_recording
-from drl_av.evaluation.table import Inputs, ResultTable, order_by, read_results
+from drl_av.evaluation.table import Inputs, ResultTable, read_results
 from drl_av.files.table import table_bytes
 from drl_av.scenarios.folder import (
     find_scenario,
@@ -31,6 +31,7 @@ from drl_av.scenarios.folder import (
     shipped_scenarios,
 )
 from drl_av.scenarios.imported.description import ImportedDescription
+from studies.options import order_by
 from verification.fuzz_driving import (
     Attempt,
     apart,

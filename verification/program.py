@@ -9,9 +9,10 @@ from typing import Any
 
 from drl_av.cli.options import driver_words, int_at_least
 from drl_av.cli.status import exit_status
+from drl_av.config import Config
 from drl_av.config.functions import is_factory
 from drl_av.config.section import did_you_mean
-from drl_av.evaluation.provenance import made_by
+from drl_av.evaluation.provenance import PACKAGES, provenance
 
 
 class Program(argparse.ArgumentParser):
@@ -62,11 +63,24 @@ class Program(argparse.ArgumentParser):
         return time.monotonic() - self._begun_s
 
     def made_by(self, before_s: float = 0.0) -> str:
-        """Return the line of ``provenance.made_by`` about this program.
+        """Return the line of ``made_by`` about this program.
 
         Its wall time includes ``before_s``, the wall time of earlier runs, seconds.
         """
         return made_by(before_s + self.spent_s())
+
+
+def made_by(seconds: float) -> str:
+    """Return command, wall time, date, versions and machine in one line, for results in text files.
+
+    ``seconds`` is the wall time.
+    """
+    facts = provenance(Config())
+    versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
+    return (
+        f"made by {facts['command']} in {seconds:.0f} s on {facts['date']}: "
+        f"{versions}; {facts['machine']}; {facts['blas']}"
+    )
 
 
 def _with(default: Any, meaning: str = "") -> dict[str, Any]:

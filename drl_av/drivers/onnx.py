@@ -93,19 +93,6 @@ def described() -> str:
     return " ".join([algorithm_1, *ports, INSIDE, ppo])
 
 
-def metadata(config: Config) -> dict[str, str]:
-    """Return the metadata of an exported driver: its config, indicators and actions.
-
-    ``indicators`` and ``actions`` are JSON lists, and ``config`` is TOML.
-    """
-    indicators = [{"name": name, "meaning": indicator_meaning(name)} for name in INDICATORS]
-    return {
-        "config": config.to_toml(),
-        "indicators": json.dumps(indicators),
-        "actions": json.dumps([str(action) for action in ACTIONS]),
-    }
-
-
 def export(path: Path, network: QNetwork, config: Config, scale: ObservationScale) -> None:
     """Write the driver of a trained network to an ONNX file, with the package onnx.
 

@@ -34,7 +34,7 @@ from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
 from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
 from drl_av.road.snapshot import EGO
-from drl_av.safety.paper import gap_condition, safe_number, time_to_collision
+from drl_av.safety.paper import gap_condition, safe_action, time_to_collision
 from drl_av.simulation.vehicle_calls import EgoModel
 
 
@@ -205,7 +205,7 @@ def idm_number(values: FloatArray, codes: IntArray, config: SafetyConfig) -> int
     may_close_in = config.printed_idm or gap_condition(gap_m, closing_m_s, config)
     if ttc_s > config.accelerate_ttc_s and may_close_in:
         return ACCELERATE
-    return safe_number(ttc_s, config)
+    return safe_action(ttc_s, config)
 
 
 def gap_number(

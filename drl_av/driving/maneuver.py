@@ -122,19 +122,6 @@ class Plan(NamedTuple):
     lane_change: LaneChange | None
 
 
-def next_lane_change(
-    lane_change: LaneChange | None, lane: int, lateral: Lateral
-) -> LaneChange | None:
-    """Return the lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
-
-    ``lane_change`` is the lane change in progress, and ``lane`` the index of the ego's lane. None
-    means that no lane change is in progress.
-    """
-    if lane_change is None:
-        return LaneChange(lane, lane + lateral.sign) if lateral.sign else None
-    return lane_change.reversed() if aborts(lane_change, lateral) else lane_change
-
-
 def aborts(lane_change: LaneChange | None, lateral: Lateral) -> bool:
     """Whether a lateral action is opposite to the lane change in progress, and so aborts it."""
     return lane_change is not None and lateral.sign == -lane_change.sign
@@ -232,10 +219,10 @@ def steered(
 
 
 def next_change(origin: int, target: int, lane: int, sign: int) -> tuple[int, int]:
-    """Return the lane change after a lateral action, as ``next_lane_change``, by its two lanes.
+    """Return the lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
 
-    ``origin`` and ``target`` are equal if there is no lane change. ``sign`` is the direction of the
-    lateral action.
+    ``origin`` and ``target`` are the lanes of the lane change in progress, and equal if there is
+    none, as in the result. ``lane`` is the ego's lane, ``sign`` the direction of the action.
     """
     if origin == target:
         return lane, lane + sign

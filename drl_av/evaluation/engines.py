@@ -16,11 +16,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import islice
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any, TypeVar
-from uuid import uuid4
 
 from loky import ProcessPoolExecutor
 from loky.process_executor import BrokenProcessPool
@@ -95,7 +93,7 @@ def on_ray(work: Callable[[Job], Result], jobs: Sequence[Job], processes: int) -
     import ray
     from ray.exceptions import RayTaskError, WorkerCrashedError
 
-    with _cluster(processes):
+    with cluster(processes):
         remote = ray.remote(num_cpus=1, max_retries=RETRIES)(work)
         here = ray.get_runtime_context().get_node_id()
         resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
@@ -123,41 +121,6 @@ def on_ray(work: Callable[[Job], Result], jobs: Sequence[Job], processes: int) -
                 ray.cancel(reference, force=True)
 
 
-def require_shared(folder: Path) -> None:
-    """Check that all machines of the Ray cluster at ``RAY_ADDRESS`` see the same ``folder``.
-
-    Each machine must see a file that this one writes there. Without ``RAY_ADDRESS`` all jobs run on
-    this machine.
-
-    Raises DrlAvError if a machine does not see it.
-    """
-    if "RAY_ADDRESS" not in os.environ:
-        return
-    import ray
-    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
-
-    mark = folder / f".shared-{uuid4().hex}"
-    mark.touch()
-    try:
-        with _cluster(1):
-            exists: Any = ray.remote(num_cpus=0)(lambda path: os.path.exists(path))
-            answers = dict[str, Any]()
-            nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
-            for node in nodes:
-                if node["Alive"]:
-                    there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
-                    asked = exists.options(scheduling_strategy=there).remote(str(mark))
-                    answers[node["NodeManagerHostname"]] = asked
-            blind = [host for host, answer in answers.items() if not ray.get(answer)]
-    finally:
-        mark.unlink(missing_ok=True)
-    if blind:
-        raise DrlAvError(
-            f"{', '.join(blind)} of the Ray cluster cannot see the files in {folder}: give --runs "
-            "a folder that all its machines share."
-        )
-
-
 def _lives(node: str) -> bool:
     import ray
 
@@ -166,7 +129,7 @@ def _lives(node: str) -> bool:
 
 
 @contextlib.contextmanager
-def _cluster(processes: int) -> Iterator[None]:
+def cluster(processes: int) -> Iterator[None]:
     """Provide a Ray cluster for the block.
 
     If this process has not joined a cluster, it joins or starts one, and leaves it after the block.

@@ -67,19 +67,6 @@ def command() -> str:
     return shlex.join([*called.get(program.parent.name, usual), *sys.argv[1:]])
 
 
-def made_by(seconds: float) -> str:
-    """Return command, wall time, date, versions and machine in one line, for results in text files.
-
-    ``seconds`` is the wall time.
-    """
-    facts = provenance(Config())
-    versions = ", ".join(f"{package} {facts[package]}" for package in ("python", *PACKAGES))
-    return (
-        f"made by {facts['command']} in {seconds:.0f} s on {facts['date']}: "
-        f"{versions}; {facts['machine']}; {facts['blas']}"
-    )
-
-
 def checksum(policy: Path) -> str:
     """Return the SHA-256 of a policy file's weights, without its config.
 

@@ -316,24 +316,6 @@ def require_values(rows: Iterable[Row]) -> None:
                 raise ValueError(f"line {line}: {column} is {cell[:SHOWN]}") from error
 
 
-def order_by(
-    **columns: Iterable[object] | Callable[[str], Any],
-) -> Callable[[Row], tuple[Any, ...]]:
-    """Return a function that returns the place of a row: by the first column, then the second, ...
-
-    The argument for a column is either all of its values in their order, or a function that
-    converts the text of a cell, such as ``int``. The returned function raises ValueError or
-    LookupError for a row with another value or without the column.
-    """
-    places: dict[str, Callable[[str], Any]] = {
-        column: values
-        if callable(values)
-        else {str(value): place for place, value in enumerate(values)}.__getitem__
-        for column, values in columns.items()
-    }
-    return lambda row: tuple(place(row[column]) for column, place in places.items())
-
-
 def _is_number(cell: str) -> bool:
     try:
         float(cell)

@@ -18,7 +18,6 @@ from drl_av.driving.actions import (
     SIGNS,
     Action,
     EgoNumbers,
-    Longitudinal,
     ego_numbers,
 )
 from drl_av.driving.affordances import (
@@ -60,16 +59,11 @@ def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
     return gap_m - config.minimum_ttc_s * closing_m_s > config.minimum_gap_m
 
 
-def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
-    """Return the safe action (eq. 4 of the paper): hard brake, brake, or maintain.
+def safe_action(ttc_s: float, config: SafetyConfig) -> int:
+    """Return the number of the safe action (eq. 4 of the paper): hard brake, brake, or maintain.
 
     ``ttc_s`` is the time to collision with the vehicle ahead.
     """
-    return Longitudinal(safe_number(ttc_s, config))
-
-
-def safe_number(ttc_s: float, config: SafetyConfig) -> int:
-    """Return the number of ``safe_action``."""
     if ttc_s <= config.hard_brake_ttc_s:
         return HARD_BRAKE
     return BRAKE if ttc_s <= config.brake_ttc_s else MAINTAIN
@@ -131,7 +125,7 @@ def checked_longitudinal(
     gap_m, closing_m_s = values[0], -values[1]
     if codes[0] == NO_VEHICLE or closing_m_s <= 0 or gap_condition(gap_m, closing_m_s, safety):
         return proposed
-    safe = safe_number(time_to_collision(gap_m, closing_m_s), safety)
+    safe = safe_action(time_to_collision(gap_m, closing_m_s), safety)
     if proposed != ACCELERATE and proposed >= safe and not safety.printed_rule_1:
         return proposed  # brakes enough
     return safe

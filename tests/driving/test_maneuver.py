@@ -6,6 +6,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+from oracles.plan import next_lane_change
 from worlds import (
     CENTER,
     LANE_M,
@@ -21,7 +22,7 @@ from worlds import (
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import next_lane_change, plan
+from drl_av.driving.maneuver import next_change, plan
 from drl_av.driving.scene import LaneChange
 from drl_av.road.road import holds, is_open
 
@@ -74,17 +75,17 @@ def test_an_abort_can_be_aborted() -> None:
 
 
 def test_steering_decides_what_is_in_progress() -> None:
-    assert next_lane_change(None, 1, KEEP) is None
-    assert next_lane_change(None, 1, TO_LEFT) == LaneChange(1, 2)
-    assert next_lane_change(None, 1, TO_RIGHT) == LaneChange(1, 0)
-    running = LaneChange(1, 2)
-    assert next_lane_change(running, 1, KEEP) == running
-    assert next_lane_change(running, 1, TO_LEFT) == running
-    assert next_lane_change(running, 1, TO_RIGHT) == LaneChange(2, 1)
+    keep, right, left = (lateral.sign for lateral in (KEEP, TO_RIGHT, TO_LEFT))
+    assert next_change(0, 0, 1, keep) == (1, 1)  # none
+    assert next_change(0, 0, 1, left) == (1, 2)
+    assert next_change(0, 0, 1, right) == (1, 0)
+    assert next_change(1, 2, 1, keep) == (1, 2)
+    assert next_change(1, 2, 1, left) == (1, 2)
+    assert next_change(1, 2, 1, right) == (2, 1)
     # past the line the lane under the ego is another: what runs does not depend on it
-    assert next_lane_change(running, 2, TO_RIGHT) == LaneChange(2, 1)
-    assert next_lane_change(running, 2, TO_LEFT) == running
-    assert [running.sign, running.reversed().sign] == [1, -1]
+    assert next_change(1, 2, 2, right) == (2, 1)
+    assert next_change(1, 2, 2, left) == (1, 2)
+    assert [LaneChange(1, 2).sign, LaneChange(1, 2).reversed().sign] == [1, -1]
 
 
 @pytest.mark.parametrize(

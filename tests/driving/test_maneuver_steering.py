@@ -7,11 +7,12 @@ from functools import partial
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from oracles.plan import next_lane_change
 from worlds import CENTER, LANE_M, LEFT, RIGHT, ROAD, after, drive, lateral_positions, scene
 
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
-from drl_av.driving.maneuver import next_lane_change, plan
+from drl_av.driving.maneuver import plan
 from drl_av.driving.scene import LaneChange
 from drl_av.road.road import holds, is_open
 

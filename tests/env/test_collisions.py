@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracles.plan import next_lane_change
 
 from drl_av.config import Config
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action, Lateral
-from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.road.road import FloatArray

@@ -13,7 +13,7 @@ from shown import ROOT
 
 from drl_av.errors import DrlAvError, RunError, SimulationError
 from drl_av.evaluation import engines
-from drl_av.evaluation.engines import RETRIES, on_ray, on_this_machine, require_shared
+from drl_av.evaluation.engines import RETRIES, on_ray, on_this_machine
 from studies.__main__ import main
 
 
@@ -157,16 +157,3 @@ def test_a_killed_raylet_is_one_sentence() -> None:
         check=True,
     )
     assert "Ray's own process on this machine was killed: give the same command" in ended.stdout
-
-
-@pytest.mark.ray
-def test_a_folder_that_a_machine_of_the_cluster_cannot_see_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with engines._cluster(1):
-        monkeypatch.setenv("RAY_ADDRESS", "auto")
-        require_shared(tmp_path)
-        assert not list(tmp_path.iterdir())
-        monkeypatch.setattr(Path, "touch", lambda path: None)  # as where another disk is mounted
-        with pytest.raises(DrlAvError, match=r"cannot see the files in .*give --runs a folder"):
-            require_shared(tmp_path)

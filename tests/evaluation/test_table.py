@@ -13,8 +13,9 @@ from drl_av.config import Config
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import DrlAvError
 from drl_av.evaluation import table as module
-from drl_av.evaluation.table import Inputs, ResultTable, order_by, read_rows, results_of
+from drl_av.evaluation.table import Inputs, ResultTable, read_rows, results_of
 from drl_av.files.table import Row
+from studies.options import order_by
 
 CONFIG = Config()
 INPUTS = Inputs({"": CONFIG}, {"mine": "abc"})

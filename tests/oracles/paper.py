@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 from drl_av.config import SafetyConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.safety.check import Rule, Verdict
 from oracles.affordances import has_lane
+from oracles.plan import next_lane_change
 
 
 def closing_speed(front: Neighbor) -> float:

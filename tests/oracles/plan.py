@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
-from drl_av.driving.actions import Action, Longitudinal
+from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Affordances
-from drl_av.driving.maneuver import Plan, next_lane_change
+from drl_av.driving.maneuver import Plan
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.snapshot import Command
 
@@ -20,6 +20,19 @@ SETTLED_OFFSET, SETTLED_SLOPE = 0.005, 0.1
 """A lane change ends if |e| <= SETTLED_OFFSET * W and |dy/dx| <= SETTLED_SLOPE * W / L (ours)."""
 ROAD_CURVATURE_PER_M = 0.0
 """k_road, the curvature of the road, 1/m; 0 because the loop represents a straight road."""
+
+
+def next_lane_change(
+    lane_change: LaneChange | None, lane: int, lateral: Lateral
+) -> LaneChange | None:
+    """Return the lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
+
+    ``lane_change`` is the lane change in progress, and ``lane`` the index of the ego's lane. None
+    means that no lane change is in progress.
+    """
+    if lane_change is None:
+        return LaneChange(lane, lane + lateral.sign) if lateral.sign else None
+    return lane_change.reversed() if lateral.sign == -lane_change.sign else lane_change
 
 
 class Pose(NamedTuple):

@@ -13,8 +13,8 @@ from drl_av.driving.car_following import idm_acceleration, time_gap_acceleration
 from drl_av.driving.scene import Scene
 from drl_av.road.road import LANE_CHANGE_DUE_M
 from drl_av.road.snapshot import EGO
-from drl_av.safety.paper import closing_speed, gap_condition, safe_action, time_to_collision
 from oracles.affordances import has_lane
+from oracles.paper import closing_speed, gap_condition, safe_action, time_to_collision
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:

@@ -9,13 +9,13 @@ import numpy.typing as npt
 
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
-from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import ARRIVED_M, Barrier, FloatArray
 from drl_av.road.snapshot import EGO
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import reach, stopping_distance, travel
 from oracles.affordances import has_lane
+from oracles.plan import next_lane_change
 
 Number = Any
 LINE_M = 0.01

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, event, example, given, settings
 from hypothesis import strategies as st
+from oracles.plan import next_lane_change
 from worlds import (
     ALONE,
     BARRICADED_ROAD,
@@ -34,7 +35,6 @@ from worlds import (
 
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, ego_numbers
-from drl_av.driving.maneuver import next_lane_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.road.road import Road, is_open

@@ -10,11 +10,12 @@ from checks_of_study import with_check
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers
 from drl_av.errors import ConfigError, DrlAvError
+from drl_av.evaluation.engines import cluster
 from drl_av.evaluation.table import read_rows
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.simulation.inflow import vehicles_of_flow
 from studies.__main__ import main
-from studies.engine import draw, make
+from studies.engine import draw, make, require_shared
 from studies.options import FOLDER, Options
 from studies.pivot import markdown
 from studies.registry import PROGRAMS, STUDIES
@@ -346,3 +347,16 @@ def test_evaluations_on_ray_make_the_same_rows(
     list(make(mine, here))
     list(make(mine, short._replace(engine="ray", jobs=2)))
     assert (short.out / "mine.csv").read_bytes() == (here.out / "mine.csv").read_bytes()
+
+
+@pytest.mark.ray
+def test_a_folder_that_a_machine_of_the_cluster_cannot_see_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with cluster(1):
+        monkeypatch.setenv("RAY_ADDRESS", "auto")
+        require_shared(tmp_path)
+        assert not list(tmp_path.iterdir())
+        monkeypatch.setattr(Path, "touch", lambda path: None)  # as where another disk is mounted
+        with pytest.raises(DrlAvError, match=r"cannot see the files in .*give --runs a folder"):
+            require_shared(tmp_path)
