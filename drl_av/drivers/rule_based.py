@@ -208,9 +208,7 @@ def idm_number(values: FloatArray, codes: IntArray, config: SafetyConfig) -> int
     return safe_action(ttc_s, config)
 
 
-def gap_number(
-    values: FloatArray, codes: IntArray, headway_s: float, ego: EgoConfig | EgoNumbers
-) -> int:
+def gap_number(values: FloatArray, codes: IntArray, headway_s: float, ego: EgoConfig) -> int:
     """Return the number of the action whose acceleration is nearest to that of the time-gap law.
 
     If no vehicle ahead is in range, the action is to accelerate.

@@ -1,8 +1,9 @@
 """The 12 actions of the ego: 4 longitudinal times 3 lateral ones."""
 
 import operator
+from collections import namedtuple
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -43,39 +44,24 @@ SIGNS = (0, -1, 1)
 """Direction across the road of each lateral part, by its number: +1 left, -1 right."""
 
 
-class EgoNumbers(NamedTuple):
-    """The settings of the ego and the times of a decision, for compiled functions.
+_TIMES = ("step_length_s", "steps_per_decision", "decision_interval_s")
 
-    The names and units are those of the sections ``ego`` and ``simulation`` of a config.
-    """
+if TYPE_CHECKING:
 
-    max_speed_m_s: float
-    accelerate_m_s2: float
-    brake_m_s2: float
-    hard_brake_m_s2: float
-    lane_change_duration_s: float
-    has_constant_acceleration: bool
-    has_acc: bool
-    reference_headway_s: float
-    reference_standstill_gap_m: float
-    acc_gap_gain_per_s: float
-    acc_speed_gain_per_s: float
-    has_steering: bool
-    max_curvature_per_m: float
-    max_lateral_acceleration_m_s2: float
-    steering_interval_s: float
-    step_length_s: float
-    steps_per_decision: int
-    decision_interval_s: float
+    class EgoNumbers(EgoConfig, SimulationConfig):
+        """The ``numbers`` of the ego and the times of a decision, for compiled functions."""
+
+else:
+    EgoNumbers = namedtuple("EgoNumbers", (*EgoConfig().numbers._fields, *_TIMES))
 
 
 def ego_numbers(ego: EgoConfig, simulation: SimulationConfig) -> EgoNumbers:
-    """Return the settings of the ego as numbers."""
-    every = (ego if hasattr(ego, name) else simulation for name in EgoNumbers._fields)
-    return EgoNumbers(*map(getattr, every, EgoNumbers._fields))
+    """Return the settings of the ego, and the times of a decision, as numbers."""
+    numbers: Any = ego.numbers
+    return EgoNumbers(*numbers, *(getattr(simulation, name) for name in _TIMES))
 
 
-def acceleration_of(longitudinal: int, ego: EgoConfig | EgoNumbers) -> float:
+def acceleration_of(longitudinal: int, ego: EgoConfig) -> float:
     """Return the acceleration a_x of a longitudinal action (Sec. IV-A), m/s^2, by its number."""
     return (0.0, ego.accelerate_m_s2, -ego.brake_m_s2, -ego.hard_brake_m_s2)[longitudinal]
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from drl_av.compiled import squared
 from drl_av.config import EgoConfig, MobilConfig
-from drl_av.driving.actions import ACCELERATE, BRAKE, EgoNumbers, acceleration_of
+from drl_av.driving.actions import ACCELERATE, BRAKE, acceleration_of
 from drl_av.road.compiled_road import allowed_speed_in
 from drl_av.road.road import FloatArray
 
@@ -57,7 +57,7 @@ def acc_acceleration(
     desired_m_s: float,
     gap_m: float,
     closing_m_s: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
 ) -> float:
     """Return the acceleration of adaptive cruise control, m/s^2.
 
@@ -75,7 +75,7 @@ def time_gap_acceleration(
     gap_m: Number,
     closing_m_s: Number,
     headway_s: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
 ) -> Number:
     """Return the acceleration of the constant time-gap law, m/s^2, of one vehicle or of arrays.
 
@@ -93,7 +93,7 @@ def keep_limits(
     limits: FloatArray,
     lane: int,
     front_m: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
     step_s: float,
 ) -> None:
     """Reduce ``speeds`` to what the speed limits of a lane allow, as far as hard braking permits.
@@ -113,7 +113,7 @@ def set_speeds(
     gap_m: float,
     front_m_s: float,
     action: int,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
     step_s: float,
 ) -> None:
     """Set ``speeds`` to the ego's speed at the end of each SUMO step, in [0, max_speed_m_s].
@@ -145,7 +145,7 @@ def model_acceleration(
     desired_m_s: float,
     gap_m: float,
     closing_m_s: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
 ) -> float:
     """Return the acceleration of the model ``ego.longitudinal_reference`` (IDM or ACC), m/s^2.
 

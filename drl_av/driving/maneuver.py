@@ -36,7 +36,7 @@ class Pose(NamedTuple):
     """e_psi: angle between the ego and the lane, left positive."""
 
 
-def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig | EgoNumbers) -> float:
+def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> float:
     """Return the largest curvature that the ego can drive, 1/m.
 
     The steering limits it, and at high speed the largest lateral acceleration. ``speed_m_s`` is the
@@ -47,7 +47,7 @@ def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig | EgoNu
     return limit if squared(own_speed) * limit <= lateral else lateral / squared(own_speed)
 
 
-def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig | EgoNumbers) -> float:
+def lane_change_length(speed_m_s: float, lane_width_m: float, ego: EgoConfig) -> float:
     """Return L, the length of a whole lane change along the lane, metres.
 
     It is the larger of T_LC v_ex and the shortest length that the curvature limit allows.
@@ -62,7 +62,7 @@ def curvature_command(
     heading_rad: float,
     speed_m_s: float,
     lane_width_m: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
 ) -> float:
     """Return the curvature command kappa_cmd, 1/m, left positive, within ``curvature_limit``.
 
@@ -84,7 +84,7 @@ def steer(
     speed_m_s: float,
     duration_s: float,
     lane_width_m: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
 ) -> Pose:
     """Return the ego's pose after it steers to the lane centre at ``target_m`` for ``duration_s``.
 
@@ -105,7 +105,7 @@ def steer(
 
 
 def settled(
-    pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig | EgoNumbers
+    pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig
 ) -> bool:
     """Whether the lane change has ended: the ego is near the lane's centre and parallel to it."""
     mean_slope = lane_width_m / lane_change_length(speed_m_s, lane_width_m, ego)
@@ -156,7 +156,7 @@ def set_lateral(
     target_m: float,
     heading_rad: float,
     lane_width_m: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
     step_s: float,
 ) -> tuple[float, bool]:
     """Set the ego's lateral positions and speeds at the end of each SUMO step of a lane change.
@@ -182,7 +182,7 @@ def set_lateral(
 
 
 def shifted(
-    y_m: float, target_m: float, lane_width_m: float, ego: EgoConfig | EgoNumbers, step_s: float
+    y_m: float, target_m: float, lane_width_m: float, ego: EgoConfig, step_s: float
 ) -> tuple[float, float, bool]:
     """Move the ego at one lane width per T_LC towards the target lane (eq. 6 of the paper).
 
@@ -203,7 +203,7 @@ def steered(
     target_m: float,
     speed_m_s: float,
     lane_width_m: float,
-    ego: EgoConfig | EgoNumbers,
+    ego: EgoConfig,
     step_s: float,
 ) -> tuple[float, float, bool]:
     """Steer the vehicle of Sec. III of the paper; once settled it is exactly at the centre.
