@@ -66,10 +66,10 @@ def copy_episode(
     if decisions == 0:
         twin.reset(seed=seed, options={"vehicles": vehicles})
         return
-    if twin.open is not None:
+    if not twin.road.is_loop:
         if twin.seeds[0] != seed:
             twin.reset(seed=seed, options={"vehicles": 0})
-        twin.open.fleets[0], twin.open.routes[0] = fleet.copied(None, shot.time_s), copy(route)
+        twin.fleets[0], twin.routes[0] = fleet.copied(None, shot.time_s), copy(route)
         twin.vehicles[0], twin.ways[0] = vehicles, route.reached
         twin.make_room(len(shot.ids), 0)
     elif (twin.seeds[0], twin.vehicles[0]) != (seed, vehicles):
@@ -85,7 +85,7 @@ def copy_episode(
         where = simulation.scenario, kinds[kind_of_traffic(seed, len(kinds))]
         seen = shot, requests_of(simulation, shot.time_s), simulation.speeds_chosen()
         population = fleet.population
-        if twin.open is not None:
+        if not twin.road.is_loop:
             front_m = shot.s_m + shot.length_m / 2
             lane = np.array([*map(simulation.road.lane_of, shot.y_m.tolist())])
             population = replace(fleet.present, front_m=front_m, lane=lane)
@@ -93,7 +93,7 @@ def copy_episode(
         steps = round(shot.time_s / STEP_S)
         world.near[STEP] = steps
         world.z[[REQUEST_END, TRACKED, TRACKED_LEFT]] += steps
-    if twin.open is None:  # only SUMO drives on an open road
+    if twin.road.is_loop:  # only SUMO drives on an open road
         state, braking = traffic.drivers.memory
         world.z[DRIVER_STATE, : vehicles + 1], world.z[BRAKING, : vehicles + 1] = state, braking
     last = episodes.next_event[0, 1]

@@ -40,6 +40,7 @@ from drl_av.env.observation import (
     default_groups,
     observation_function,
 )
+from drl_av.env.route_outcome import RouteOutcome
 from drl_av.env.transition import RewardFunction, custom_reward
 from drl_av.env.twin_episodes import CHECK_NUMBERS, look_all
 from drl_av.env.vector_info import (
@@ -56,9 +57,8 @@ from drl_av.random_streams import kind_of_traffic
 from drl_av.road.sweep import NO_CONTACT
 from drl_av.safety import named_check
 from drl_av.safety.strict import Strict
-from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_future
-from drl_av.twin.worlds import LANE, MODEL, STEP, IntArray
+from drl_av.twin.worlds import LANE, MODEL
 
 FIRST_EVENTS = 64
 """Random events of an episode for which there is room before the arrays grow."""
@@ -161,8 +161,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         self.vehicles = np.zeros(count, np.int64)
         self.collided_with = np.full(count, "", dtype=object)
         self._over = np.ones(count, np.bool_)
-        self.kept: dict[int, IntArray] = {}
-        """The former rows of the vehicles that stay, by world, where some have entered or left."""
+        self.fleets, self.routes, self.kept = {}, {}, {}
         self._rows, self.ways = np.arange(count), np.full(count, "", dtype=object)
         """The outcome of each ego's route."""
         self._make_pool(max(1, min(self._threads, count, os.cpu_count() or 1)))
@@ -230,9 +229,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         rewards[terminated] = self.config.reward.collision_reward
         rewards[begins] = 0.0
         self._over = terminated | truncated
-        if self.open is not None:
+        if not self.road.is_loop:
             for row in rows.tolist():
-                self.ways[row] = self.open.way(row, self._indicators(row), bool(ends[row]))
+                self.ways[row] = self.routes[row].outcome(self._indicators(row), bool(ends[row]))
         info = self._info()
         decided = proposed, executed, rules
         info |= step_info(
@@ -244,7 +243,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if self._reward is not None and before is not None:
             now, outcome = self._seen(observations), (rewards, terminated, truncated)
             for row in rows.tolist():
-                missed = self.open is not None and self.open.misses_exit(row, self._indicators(row))
+                on_route = self.routes.get(row)
+                missed = on_route is not None and on_route.misses_exit(self._indicators(row))
                 route, name = (self.ways[row], missed), self.collided_with[row]
                 seen = before[row], now[row]
                 made = transition_of(row, self.episodes, seen, decided, outcome, route, name)
@@ -288,9 +288,8 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             after[:] = before[world]
         fork.seeds[:], fork.vehicles[:] = self.seeds[world], self.vehicles[world]
         fork._over[:], fork.ways[:] = False, self.ways[world]
-        if self.open is not None:
-            now_s = float(self.worlds.near[world, STEP] * STEP_S)
-            fork.open = self.open.copied(world, n, None if include_rng else seed, now_s)
+        if not self.road.is_loop:
+            fork._take_traffic(self, world, None if include_rng else seed)
         elif not include_rng:
             kinds, timing = self.config.per_traffic_preset, self.config.simulation
             kind = kinds[kind_of_traffic(int(self.seeds[world]), len(kinds))]
@@ -367,9 +366,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         episodes.collision[rows] = NO_CONTACT, 0
         self._over[rows], self.collided_with[rows] = False, ""
         look_all(self.worlds, self.episodes, self.task, rows.astype(np.int64))
-        if self.open is not None:
+        if not self.road.is_loop:
             for row in rows.tolist():
-                self.open.begin(row, self._indicators(row))
+                self.routes[row] = RouteOutcome(self.road, self._indicators(row))
         self.ways[rows] = ""
 
     def _drawn(self, row: int, seed: int | None, options: Mapping[str, Any]) -> Begun:
@@ -378,7 +377,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if generator is None or seed is not None:
             generator, _ = seeding.np_random(seed)
         seed = traffic_seed(seed, options, generator)
-        usual = self.open.default_vehicle_count if self.open else None
+        usual = self.usual.default_vehicle_count if self.usual else None
         vehicles = number_of_vehicles(options, seed, self.config.traffic, None, usual)
         return Begun(generator, seed, *self._draw(seed, vehicles))
 

@@ -15,7 +15,7 @@ from drl_av.env.twin_episodes import Episodes, decide_all, empty_episodes, look_
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.road.snapshot import EGO_ID, Snapshot
 from drl_av.road.sweep import NO_CONTACT
-from drl_av.scenarios.folder import Scenario, find_scenario, load_scenario
+from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.population import ARRAYS, Population
 from drl_av.twin.commands import REQUEST_STEPS, request_change
@@ -61,6 +61,10 @@ class WorldArrays:
     """The vehicles besides the ego in each world."""
     kept: dict[int, IntArray]
     """The former rows of the vehicles that stay, by world, where some have entered or left."""
+    fleets: dict[int, Fleet]
+    """The vehicles of each world, on an open road."""
+    routes: dict[int, RouteOutcome]
+    """The outcome of each ego's route, on an open road."""
     collided_with: npt.NDArray[Any]
     """The name of the vehicle with which each ego has collided in its episode, or ""."""
     _chunks: int
@@ -71,7 +75,8 @@ class WorldArrays:
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         self.road = self._scenario.road
         self.task = task_of(self._scenario, config)
-        self.open = None if self.road.is_loop else OpenWorlds(self._scenario, config)
+        self.usual = None if self.road.is_loop else Fleet(self._scenario, config)
+        """What says how many vehicles an open road usually has."""
         self._fleets = [Fleet(self._scenario, kind) for kind in config.per_traffic_preset]
 
     def _make_arrays(self, vehicles: int, events: int) -> None:
@@ -98,8 +103,8 @@ class WorldArrays:
 
     def _ids(self, row: int) -> tuple[str, ...]:
         """Return the names of the vehicles in a world."""
-        if self.open is not None:
-            return self.open.fleets[row].ids
+        if not self.road.is_loop:
+            return self.fleets[row].ids
         return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
 
     def _draw(self, seed: int, vehicles: int) -> tuple[Fleet, IntArray]:
@@ -109,7 +114,7 @@ class WorldArrays:
         """
         fleet = copy(self._fleets[kind_of_traffic(seed, len(self._fleets))])
         fleet.draw(seed, vehicles)
-        if self.open is not None:
+        if not self.road.is_loop:
             return fleet, NO_EVENTS
         return fleet, draw_events(seed, fleet, self.config.simulation.decisions_per_episode)
 
@@ -117,8 +122,8 @@ class WorldArrays:
         """Place the vehicles of an episode in a world."""
         fleet = begun.fleet
         self.vehicles[row] = len(fleet.ids) - 1
-        if self.open is not None:
-            self.open.fleets[row] = fleet
+        if not self.road.is_loop:
+            self.fleets[row] = fleet
         of_it = fleet.population, fleet.driver_models, self._scenario, fleet.config
         place_vehicles(self.world(row), self.task.net, *of_it)
         self._set_events(row, begun.events)
@@ -148,13 +153,13 @@ class WorldArrays:
 
     def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
         """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
-        net, fleets = self.task.net, self.open.fleets if self.open else {}
-        for row in rows.tolist() if self.open else ():
+        net, fleets, on_open_road = self.task.net, self.fleets, not self.road.is_loop
+        for row in rows.tolist() if on_open_road else ():
             for vehicle, side in fleets[row].lane_changes(0.0, self.episodes.scene[row, 1]):
                 request_change(self.world(row), net, vehicle, side, REQUEST_STEPS)
         self._decide_all(rows, proposed)
         self.collided_with = self._struck(rows)
-        if self.open is None:
+        if not on_open_road:
             return
         self.kept.clear()
         for row in rows.tolist():
@@ -169,6 +174,17 @@ class WorldArrays:
                 self.vehicles[row] = len(fleets[row].ids) - 1
                 self.kept[row] = exchanged[0]
         look_all(self.worlds, self.episodes, self.task, np.array([*self.kept], np.int64))
+
+    def _take_traffic(self, of: "WorldArrays", row: int, seed: int | None) -> None:
+        """Let a world of ``of``, on an open road, go on in each world.
+
+        What happens in world i is drawn with ``seed`` + i; without ``seed`` it happens as there.
+        """
+        now_s = float(of.worlds.near[row, STEP] * STEP_S)
+        for i in range(self.num_envs):
+            drawn = None if seed is None else generator(seed + i, Stream.FORKS)
+            self.fleets[i] = of.fleets[row].copied(drawn, now_s)
+            self.routes[i] = copy(of.routes[row])
 
     def _struck(self, rows: npt.NDArray[np.intp]) -> npt.NDArray[Any]:
         """Return ``collided_with`` after a decision of ``rows``, before any vehicle leaves."""
@@ -218,44 +234,3 @@ def exchange_vehicles(
     models = np.zeros(0 if entering is None else len(entering.ids), np.int64)
     sizes_m = sizes_of(fleet.scenario, fleet.config)
     exchange.fast(world, net, kept, ARRAYS(entering or fleet.population), models, sizes_m)
-
-
-class OpenWorlds:
-    """The traffic of the worlds of an open road, and the routes of their egos."""
-
-    def __init__(self, scenario: Scenario, config: Config) -> None:
-        self._scenario = scenario
-        self.routes: dict[int, RouteOutcome] = {}
-        """The outcome of each ego's route."""
-        self.fleets: dict[int, Fleet] = {}
-        """The vehicles of each world."""
-        usual = Fleet(scenario, config)
-        self.default_vehicle_count = usual.default_vehicle_count
-        self.most_in_training = usual.most_in_training
-
-    def misses_exit(self, row: int, now: Indicators) -> bool:
-        """Return whether the ego of a world has passed its exit without taking it."""
-        return self.routes[row].misses_exit(now)
-
-    def copied(self, row: int, count: int, seed: int | None, time_s: float) -> "OpenWorlds":
-        """Return ``count`` copies of a world; what happens in copy i is drawn with ``seed`` + i.
-
-        Without ``seed`` it happens as in the original.
-        """
-        worlds = copy(self)
-        worlds.fleets = {
-            number: self.fleets[row].copied(
-                None if seed is None else generator(seed + number, Stream.FORKS), time_s
-            )
-            for number in range(count)
-        }
-        worlds.routes = {number: copy(self.routes[row]) for number in range(count)}
-        return worlds
-
-    def begin(self, row: int, start: Indicators) -> None:
-        """Begin the route of the ego in a world, whose first indicators are ``start``."""
-        self.routes[row] = RouteOutcome(self._scenario.road, start)
-
-    def way(self, row: int, now: Indicators, over: bool) -> str:
-        """Return the outcome of the ego's route in a world after a decision."""
-        return self.routes[row].outcome(now, over)

@@ -58,7 +58,7 @@ class Part:
         self._worlds = np.arange(self.env.num_envs)
         self._trend = np.zeros(self.env.num_envs, np.int64)
         self._since_change = np.full(self.env.num_envs, AFTER_CHANGE)
-        self._most = self.env.open.most_in_training if self.env.open else None
+        self._most = self.env.usual.most_in_training if self.env.usual else None
         self.collisions = 0
         """Episodes so far that ended with a collision."""
         self._rng = np.random.default_rng(drawn.spawn(1)[0])
@@ -110,7 +110,7 @@ class Part:
         new_origin, new_target = episodes.lanes.T
         counts = (origin != target) | (new_origin != new_target)
         rears, now_m_s = episodes.codes[:, 1:2], episodes.scene[:, 2, : was_m_s.shape[1]].copy()
-        if self.env.open is not None:
+        if not self.env.road.is_loop:
             lane = codes[:, LANE]
             stays = episodes.codes[:, LANE] == lane
             self._since_change = np.where(stays, self._since_change + 1, 0)
