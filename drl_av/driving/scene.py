@@ -89,44 +89,29 @@ class Scene:
             ConfigError: the arrays do not fit together, a value is not finite, a body has no size,
                 there are no such lanes, or the ego is in none of them.
         """
-        is_road = isinstance(lanes, Integral) and lanes >= 1 and 0.0 < lane_width_m < OPEN_LAP_M
-        if not is_road:
-            raise ConfigError(
-                f"A road of {lanes!r} lanes of {lane_width_m!r} m cannot be: give lanes a whole "
-                "number from 1 on, and lane_width_m metres."
-            )
-        if lane_change is not None and not (
-            abs(lane_change.target - lane_change.origin) == 1
-            and 0 <= min(lane_change[:2]) <= max(lane_change[:2]) < lanes
-        ):
-            raise ConfigError(
-                f"lane_change is from lane {lane_change.origin} to {lane_change.target}, but must "
-                f"be to the next one, and the lanes are 0 to {lanes - 1}."
-            )
         given = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
         try:
-            together = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in given))
+            arrays = np.array(np.broadcast_arrays(*(np.asarray(one, np.float64) for one in given)))
+            shape, size_m = arrays.shape[1:], arrays[4:].min(initial=np.inf)
+            if not (len(shape) == 1 and arrays.size and np.isfinite(arrays).all() and size_m > 0):
+                raise ValueError(f"shape {shape}, smallest size {size_m:g} m, or nan or inf")
         except ValueError as error:
             raise ConfigError(
                 f"The arrays of a scene do not fit together ({error}): give each shape (1 + N,), "
-                "the ego first, or one number."
+                "the ego first, or one number, all finite, and length_m and width_m above 0."
             ) from error
-        arrays = np.array(together)
-        if arrays[0].ndim != 1 or not arrays.size or not np.isfinite(arrays).all():
+        there = int(lanes) if isinstance(lanes, Integral) else 0
+        road = Road(OPEN_LAP_M, float(lane_width_m), (True,) * there, end_m=OPEN_LAP_M)
+        fits = 0.0 < lane_width_m < OPEN_LAP_M and is_open(road.lane_of(arrays[1, EGO]), road)
+        if lane_change is not None:
+            origin, target, _ = lane_change
+            fits &= abs(target - origin) == 1 and is_open(origin, road) and is_open(target, road)
+        if not fits:
             raise ConfigError(
-                f"The arrays of a scene have shape {arrays[0].shape}, or hold nan or inf: give "
-                "each shape (1 + N,), the ego first, and finite numbers."
-            )
-        if arrays[4:].min() <= 0.0:
-            raise ConfigError(
-                f"A body is {arrays[4].min():g} m long or {arrays[5].min():g} m wide: give "
-                "length_m and width_m above 0."
-            )
-        road = Road(OPEN_LAP_M, float(lane_width_m), (True,) * int(lanes), end_m=OPEN_LAP_M)
-        if not is_open(road.lane_of(arrays[1][EGO]), road):
-            raise ConfigError(
-                f"The ego is at y_m = {arrays[1][EGO]:g}, but the centres of the {lanes} lanes are "
-                f"at 0 to {road.center_m(lanes - 1):g}, left positive: change y_m or the lanes."
+                f"A road of {lanes!r} lanes of {lane_width_m!r} m cannot have the ego at y_m = "
+                f"{arrays[1, EGO]:g} with lane_change {lane_change}: give lanes a whole number "
+                "from 1 on, lane_width_m metres, an ego in a lane, where the centre of lane k is "
+                "at k * lane_width_m, left positive, and a change from one lane to the next."
             )
         ids = "ego", *map(str, range(1, len(arrays[0])))
         shot = Snapshot(0.0, ids, *arrays)
