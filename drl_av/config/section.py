@@ -7,11 +7,11 @@ import re
 import sys
 from collections import defaultdict, namedtuple
 from collections.abc import Iterable
-from dataclasses import field, fields
+from dataclasses import Field, field, fields
 from pathlib import PurePath
 from typing import Any, ClassVar, NamedTuple, Self, cast
 
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, DrlAvError
 
 
 def setting(
@@ -83,8 +83,61 @@ def section_name(section: type) -> str:
     return "_".join(words).lower()
 
 
+_KINDS: dict[Any, str] = {
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    str: "a text",
+    tuple: "a list",
+}
+
+
+def check_fields(described: Any, prefix: str, refusal: type[DrlAvError]) -> None:
+    """Check each field that ``setting`` defines, and each of a section; convert it to its type.
+
+    ``described`` is a dataclass object, changed in place: numpy scalars become Python numbers, ints
+    floats, paths strings, and lists tuples, where the field has that type. None is allowed where it
+    is the default.
+
+    Raises ``refusal`` if a value has a wrong type, is not finite or out of bounds, or is not one of
+    the choices; the message begins with ``prefix`` and the name of the field.
+    """
+    for item in fields(described):
+        if not item.metadata and not isinstance(described, Section):
+            continue
+        value, kind = getattr(described, item.name), _kind(item)
+        if value is None and item.default is None:
+            continue
+        value, name = _converted(value, kind), f"{prefix}{item.name}"
+        low, high, choices = map(item.metadata.get, ("low", "high", "choices"))
+        if choices is not None and value not in choices:
+            raise refusal(not_one_of(name, value, choices))
+        if (
+            type(value) is not kind
+            or (isinstance(value, float) and not math.isfinite(value))
+            or (low is not None and value < low)
+            or (high is not None and value > high)
+        ):
+            raise refusal(f"{name} is {value!r}, but must be {_KINDS[kind]}{_bounds(low, high)}.")
+        object.__setattr__(described, item.name, value)
+
+
+def _kind(item: Field[Any]) -> type:
+    """Return the type of the values of a field, of which some may also be None."""
+    if isinstance(item.type, type):
+        return item.type
+    return float if item.default is None else type(item.default)
+
+
+def _bounds(low: float | None, high: float | None) -> str:
+    """Return the bounds of a number in words; "" without any."""
+    if low is None:
+        return ""
+    return f" of at least {low:.9g}" if high is None else f" from {low:.9g} to {high:.9g}"
+
+
 def _converted(value: Any, kind: type) -> Any:
-    """Convert a numpy scalar, int, path or list to ``kind``, the type of a setting, if it fits."""
+    """Convert a numpy scalar, int, path or list to ``kind``, the type of a field, if it fits."""
     if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
         value = value.item()
     if kind is float and type(value) is int:
@@ -95,10 +148,7 @@ def _converted(value: Any, kind: type) -> Any:
 
 
 class Section:
-    """Base class of all sections; the constructor checks the value of each field.
-
-    It also converts numpy scalars to Python numbers, ints to floats, paths to strings, and lists to
-    tuples, where the setting has that type.
+    """Base class of all sections; the constructor checks each field with ``check_fields``.
 
     Raises:
         ConfigError: a value has a wrong type, is out of bounds, or is not one of the choices.
@@ -124,25 +174,7 @@ class Section:
         return cast(Self, kind._make(getattr(self, name) for name in kind._fields))
 
     def __post_init__(self) -> None:
-        for item in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, item.name)
-            choices = item.metadata.get("choices")
-            where = f"{section_name(type(self))}.{item.name}"
-            kind = type(item.default)
-            if type(value) is not kind:
-                value = _converted(value, kind)
-                object.__setattr__(self, item.name, value)
-            if type(value) is not kind:
-                name = "list" if kind is tuple else kind.__name__
-                raise ConfigError(f"{where} is {value!r}, but must be of type {name}.")
-            if choices is not None and value not in choices:
-                raise ConfigError(not_one_of(where, value, choices))
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ConfigError(f"{where} is {value}, but must be a finite number.")
-            low, high = item.metadata.get("low"), item.metadata.get("high")
-            if (low is not None and value < low) or (high is not None and value > high):
-                bounds = f"at least {low}" if high is None else f"from {low} to {high}"
-                raise ConfigError(f"{where} is {value}, but must be {bounds}.")
+        check_fields(self, f"{section_name(type(self))}.", ConfigError)
 
     def ordered(self, *names: str) -> None:
         """Raise ConfigError unless each named field is at most as large as the next one."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 from drl_av.config.traffic import STANDSTILL_GAP_M
@@ -13,30 +13,6 @@ Bounds = tuple[float, float]
 LENGTHS_M: Bounds = (1.0, 25.0)
 WIDTHS_M: Bounds = (0.5, 5.0)
 """Bounds of the length and the width of each vehicle of a scenario."""
-
-
-def check_numbers(described: Any, prefix: str) -> None:
-    """Check each field that has bounds, and convert whole numbers in float fields to float.
-
-    ``described`` is a dataclass object, changed in place. The bounds of a field are ``low`` and
-    ``high`` of its metadata; a field whose default is None may also be None.
-
-    Raises:
-        ScenarioError: a number has a wrong type or is out of bounds; the message begins with
-            ``prefix``.
-    """
-    for item in fields(described):
-        low, high = item.metadata.get("low"), item.metadata.get("high")
-        value: Any = getattr(described, item.name, None)
-        if low is None or high is None or (value is None and item.default is None):
-            continue
-        whole = item.type is int
-        if type(value) not in ((int,) if whole else (int, float)) or not low <= value <= high:
-            kind = "a whole number" if whole else "a number"
-            raise ScenarioError(
-                f"{prefix}{item.name} is {value!r}, but must be {kind} from {low:g} to {high:g}."
-            )
-        object.__setattr__(described, item.name, value if whole else float(value))
 
 
 VEHICLE = {

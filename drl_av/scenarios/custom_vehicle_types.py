@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.config.section import not_one_of, setting
+from drl_av.config.section import check_fields, setting
 from drl_av.errors import ScenarioError
 from drl_av.random_streams import Stream, generator
-from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
+from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M
 
 CAR_FOLLOWING_MODELS: dict[str, dict[str, str]] = {"IDM": {}, "Krauss": {"sigma": "0"}, "ACC": {}}
 """The allowed models of SUMO, with the attributes that make each of them deterministic."""
@@ -40,7 +40,7 @@ class CustomVehicleType:
     """Probability that a vehicle of the traffic has this type."""
     length_m: float = field(metadata={"low": LENGTHS_M[0], "high": LENGTHS_M[1]})
     width_m: float = field(metadata={"low": WIDTHS_M[0], "high": WIDTHS_M[1]})
-    car_following_model: str = "IDM"
+    car_following_model: str = setting("IDM", choices=tuple(CAR_FOLLOWING_MODELS))
     """One of ``CAR_FOLLOWING_MODELS``."""
     acceleration_m_s2: float | None = setting(None, low=0.1, high=20.0)
     """SUMO's accel; None draws it for each vehicle, like the next three."""
@@ -50,7 +50,7 @@ class CustomVehicleType:
     """The time gap to the vehicle ahead, SUMO's tau."""
     speed_gain: float | None = setting(None, low=0.0, high=100.0)
     """How much it changes lanes to get ahead, SUMO's lcSpeedGain."""
-    shape: str = "passenger"
+    shape: str = setting("passenger", choices=SHAPES)
     """The picture in sumo-gui, one of ``SHAPES``."""
 
     def __post_init__(self) -> None:
@@ -63,12 +63,7 @@ class CustomVehicleType:
                 f"A vehicle type's id is {self.id!r}, which is the type of other vehicles: "
                 "rename it."
             )
-        check_numbers(self, f"Vehicle type {self.id!r}: ")
-        for name, choices in (("shape", SHAPES), ("car_following_model", CAR_FOLLOWING_MODELS)):
-            word = getattr(self, name)
-            if word not in choices:
-                what = f"Vehicle type {self.id!r}: {name}"
-                raise ScenarioError(not_one_of(what, word, choices))
+        check_fields(self, f"Vehicle type {self.id!r}: ", ScenarioError)
 
     def attributes(self, traffic: dict[str, str]) -> dict[str, str]:
         """Return the SUMO attributes of this type; ``traffic`` holds those that it does not set."""

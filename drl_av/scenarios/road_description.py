@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 
 import tomli_w
 
-from drl_av.config.section import setting
+from drl_av.config.section import check_fields, setting
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import Road, is_open_at, is_partial
 from drl_av.road.snapshot import EGO_ID
-from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M, check_numbers
+from drl_av.road.vehicle_types import LENGTHS_M, WIDTHS_M
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType, check_custom_types
 from drl_av.scenarios.layout import (
     Layout,
@@ -76,7 +76,7 @@ class PlacedVehicle:
             raise ScenarioError(
                 f"A vehicle's id is {self.id!r}, but must be made of letters, digits, - and _."
             )
-        check_numbers(self, f"Vehicle {self.id!r}: ")
+        check_fields(self, f"Vehicle {self.id!r}: ", ScenarioError)
         changes = read_changes(self.lane_changes, self.id, self.lane)
         object.__setattr__(self, "lane_changes", changes)
 
@@ -244,7 +244,7 @@ def check_sizes(description: RoadDescription) -> None:
             lane, too many vehicles are placed, or the user's vehicle types have equal ids, shares
             above 1 in total, or are combined with placed vehicles.
     """
-    check_numbers(description, "The scenario's ")
+    check_fields(description, "The scenario's ", ScenarioError)
     if description.vehicle_width_m > description.lane_width_m:
         raise ScenarioError(
             f"The scenario's vehicle_width_m is {description.vehicle_width_m:g}, but must be at "

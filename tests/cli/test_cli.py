@@ -143,7 +143,7 @@ def test_bad_input_is_reported_in_one_sentence(
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (f"[learning]\ndiscount = {10**400}", r"learning.discount is inf, but must be a finite"),
+        (f"[learning]\ndiscount = {10**400}", r"learning.discount is inf, but must be a number"),
         ("[simulation]\nstep_length_s = 0.3", r"step_length_s is 0.3, but must divide the 1 s"),
         ("[traffic]\nvehicles_min = 9\nvehicles_max = 3", r"vehicles_min <= vehicles_max"),
         ("[learning", r"is not valid TOML"),
@@ -389,7 +389,7 @@ def test_a_setting_of_the_command_line_is_one_of_a_file(
     [
         ("traffic.vehicles_mx=3", "has no key 'vehicles_mx' (did you mean 'vehicles_max'?)"),
         ("trafic.vehicles_max=3", "has no section [trafic] (did you mean 'traffic'?)"),
-        ("traffic.vehicles_max=many", "traffic.vehicles_max is 'many', but must be of type int"),
+        ("traffic.vehicles_max=many", "traffic.vehicles_max is 'many', but must be a whole number"),
         ("safety.check=papr", "safety.check is 'papr' (did you mean 'paper'?)"),
         ("learning.discount=7", "In learning.discount=7: learning.discount is 7.0, but must be"),
     ],

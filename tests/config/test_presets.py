@@ -25,7 +25,7 @@ WRONG = [
     ),
     (
         "[traffic]\nvehicles_max = 5.0\n",
-        "traffic.vehicles_max is 5.0, but must be of type int",
+        "traffic.vehicles_max is 5.0, but must be a whole number from",
     ),
     ("[traffic]\nvehicles_max = -1\n", "traffic.vehicles_max is -1, but must be"),
 ]
@@ -79,10 +79,14 @@ def test_numbers_of_numpy_and_paths_become_what_a_file_would_hold() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("vehicles_max", np.float64(5.0), r"vehicles_max is 5.0, but must be of type int"),
-        ("vehicles_max", np.array([5]), r"vehicles_max is array\(\[5\]\), but must be of type int"),
-        ("vehicles_max", np.bool_(True), "vehicles_max is True, but must be of type int"),
-        ("headway_min_s", np.float64("nan"), "headway_min_s is nan, but must be a finite number"),
+        ("vehicles_max", np.float64(5.0), r"vehicles_max is 5.0, but must be a whole number from"),
+        (
+            "vehicles_max",
+            np.array([5]),
+            r"vehicles_max is array\(\[5\]\), but must be a whole",
+        ),
+        ("vehicles_max", np.bool_(True), "vehicles_max is True, but must be a whole number from"),
+        ("headway_min_s", np.float64("nan"), "headway_min_s is nan, but must be a number from"),
         ("kind", ["calm"], r"no kind of traffic \['calm'\]"),
     ],
 )

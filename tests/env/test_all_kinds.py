@@ -77,5 +77,5 @@ def test_unknown_kinds_are_refused() -> None:
     for name, said in (("clam", "did you mean .calm."), ("all", "its kinds of traffic are: calm")):
         with pytest.raises(ConfigError, match=said):
             Config().updated("traffic", presets=(name,))
-    with pytest.raises(ConfigError, match=r"traffic\.presets is 'calm', but must be of type list"):
+    with pytest.raises(ConfigError, match=r"traffic\.presets is 'calm', but must be a list"):
         TrafficConfig(presets="calm")  # type: ignore[arg-type]

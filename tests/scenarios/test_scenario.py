@@ -160,7 +160,7 @@ def test_description_survives_toml(c_m: float, lanes: int, width_m: float, limit
         ("lanes = 3.0", "lanes is 3.0, but must be a whole number from 1 to 10"),
         ("lanes = true", "lanes is True, but must be a whole number"),
         ("lanes = 0", "lanes is 0, but must be a whole number from 1 to 10"),
-        ("circumference_m = 20", "circumference_m is 20, but must be a number from 100"),
+        ("circumference_m = 20", "circumference_m is 20.0, but must be a number from 100"),
         ("circumference_m = nan", "circumference_m is nan, but must be a number from 100"),
         ("circumference_m = '500'", "circumference_m is '500', but must be a number"),
         ("circumference_m = 100\nlanes = 8", "must be at least 127 for 8 lanes of 3.8 m"),

@@ -9,11 +9,10 @@ from itertools import chain, groupby
 from pathlib import Path
 
 from drl_av.config import TrafficConfig
-from drl_av.config.section import setting
+from drl_av.config.section import check_fields, setting
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ScenarioError, pluralize
 from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, Road, SpeedLimit
-from drl_av.road.vehicle_types import check_numbers
 from drl_av.scenarios.highways import AFTER_M, OFF_RAMP_ASIDE_M, require_usual_ego_reaches_exit
 from drl_av.scenarios.imported.carriageway import Carriageway, carriageway, lane_curves
 from drl_av.scenarios.imported.net_file import REMEDY
@@ -87,7 +86,7 @@ class ImportedDescription(OpenDescription):
     """The parts that are too sharp for the speed limits, by the edge's id and the lane's index."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, "The scenario's ")
+        check_fields(self, "The scenario's ", ScenarioError)
         for name in ("net", "from_edge", "to_edge"):
             value = getattr(self, name)
             if not isinstance(value, str) or not value:
