@@ -13,7 +13,7 @@ from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.drivers.background.finite_state import finite_state as decide
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.rule_based import GapMobilDriver, IdmDriver, MobilDriver
+from drl_av.drivers.rule_based import IdmDriver, MobilDriver
 from drl_av.driving import maneuver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import (
@@ -146,7 +146,7 @@ def test_rule_based_drivers() -> None:
         pairs: list[tuple[Driver, Driver]] = [
             (IdmDriver(config.safety), rules.IdmDriver(config.safety)),
             (MobilDriver(*settings), rules.MobilDriver(*settings)),
-            (GapMobilDriver(*settings, 1.1), rules.GapMobilDriver(*settings, 1.1)),
+            (MobilDriver(*settings, 1.1), rules.GapMobilDriver(*settings, 1.1)),
         ]
         for driver, oracle in pairs:
             assert driver.act(world, nothing) == oracle.act(world, nothing)

@@ -27,7 +27,6 @@ from drl_av.drivers.network import Layers
 from drl_av.drivers.onnx import exported_config
 from drl_av.drivers.rule_based import (
     TUNED,
-    GapMobilDriver,
     IdmDriver,
     IdmSumoDriver,
     MobilDriver,
@@ -47,8 +46,8 @@ if TYPE_CHECKING:
 RULE_DRIVERS: dict[str, Callable[[Config], Driver]] = {
     "idm": lambda config: IdmDriver(config.safety),
     "idm-mobil": lambda config: MobilDriver(config.safety, config.ego, config.mobil),
-    "gap-mobil": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.1),
-    "gap-mobil-1.3": lambda config: GapMobilDriver(config.safety, config.ego, config.mobil, 1.3),
+    "gap-mobil": lambda config: MobilDriver(config.safety, config.ego, config.mobil, 1.1),
+    "gap-mobil-1.3": lambda config: MobilDriver(config.safety, config.ego, config.mobil, 1.3),
     "idm-sumo": lambda config: IdmSumoDriver(config.safety),
     "sumo": lambda config: SumoDriver(EgoModel()),
     "sumo-tuned": lambda config: SumoDriver(TUNED),

@@ -87,41 +87,26 @@ class RandomDriver:
 
 
 class MobilDriver(Driver):
-    """The driver ``idm-mobil``: follows the paper's IDM in its lane, and changes lanes by MOBIL.
+    """The drivers ``idm-mobil`` and ``gap-mobil``: change lanes by MOBIL, and abort no lane change.
 
-    It never aborts a lane change.
-    """
-
-    headway_s = 0.0
-
-    def __init__(self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig) -> None:
-        self._numbers = (
-            safety.numbers,
-            ego_numbers(ego, SimulationConfig()),
-            mobil.numbers,
-        )
-
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the longitudinal action, with a lane change if MOBIL demands one."""
-        values, codes, *_ = scene.indicators
-        now = scene.lane_change is not None, float(scene.snapshot.length_m[EGO]), self.headway_s
-        number: int = rule_action.fast(values, codes, *now, *self._numbers)
-        return ACTIONS[number]
-
-
-class GapMobilDriver(MobilDriver):
-    """Keeps a constant time gap of ``headway_s`` to the vehicle ahead, and changes lanes by MOBIL.
-
-    The driver is deterministic. No parameter is tuned to any traffic: the standstill gap and the
-    gain of the time-gap law are those of the adaptive cruise control
+    In its lane the driver follows the paper's IDM, or keeps a constant time gap of ``headway_s`` to
+    the vehicle ahead, if that is above 0. No parameter is tuned to any traffic: the standstill gap
+    and the gain of the time-gap law are those of the adaptive cruise control
     (``ego.longitudinal_reference`` = ``acc``).
     """
 
     def __init__(
-        self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig, headway_s: float
+        self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig, headway_s: float = 0.0
     ) -> None:
-        super().__init__(safety, ego, mobil)
-        self.headway_s = headway_s
+        self._headway_s = headway_s
+        self._numbers = safety.numbers, ego_numbers(ego, SimulationConfig()), mobil.numbers
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Return the longitudinal action, with a lane change if MOBIL demands one."""
+        values, codes, *_ = scene.indicators
+        now = scene.lane_change is not None, float(scene.snapshot.length_m[EGO]), self._headway_s
+        number: int = rule_action.fast(values, codes, *now, *self._numbers)
+        return ACTIONS[number]
 
 
 TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_right=True)

@@ -5,7 +5,7 @@ from worlds import RIGHT, SLOW_LEADER, ahead, scene
 
 from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
-from drl_av.drivers.rule_based import GapMobilDriver
+from drl_av.drivers.rule_based import MobilDriver
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.car_following import time_gap_acceleration
 from drl_av.driving.scene import Scene
@@ -15,7 +15,7 @@ KEEP = Lateral.KEEP
 
 
 def act(world: Scene, headway_s: float = 1.1) -> Action:
-    driver = GapMobilDriver(CONFIG.safety, CONFIG.ego, CONFIG.mobil, headway_s)
+    driver = MobilDriver(CONFIG.safety, CONFIG.ego, CONFIG.mobil, headway_s)
     return driver.act(world, None)
 
 
