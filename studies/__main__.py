@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
-from drl_av.cli.console import Bar, progress_bar
+from drl_av.cli.console import Bar, exit_status, progress_bar
 from drl_av.cli.options import config_files, int_at_least
-from drl_av.cli.status import exit_status
 from drl_av.config.section import did_you_mean
 from drl_av.errors import pluralize
 from drl_av.evaluation import LOKY, RAY

@@ -18,7 +18,7 @@ import pandas as pd
 import safetensors.numpy
 from threadpoolctl import threadpool_limits
 
-from drl_av.cli.status import exit_status
+from drl_av.cli.console import exit_status
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.network import forward

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from drl_av.cli.status import exit_status
+from drl_av.cli.console import exit_status
 from drl_av.config import SINGLE_PRESETS
 from drl_av.config.presets import PRESETS
 from drl_av.evaluation.figure_style import one_panel, save_figure

@@ -12,7 +12,7 @@ from drl_av.compiled import NOTICE, compiled, squared
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 
-LANE = "from drl_av.road.compiled_road import lane_of; print(lane_of(4.0, 3.8))"
+LANE = "from drl_av.road.road import lane_of; print(lane_of(4.0, 3.8))"
 INNER = "from drl_av.compiled import compiled\n\n@compiled\ndef inner(x):\n    return x + {}\n"
 OUTER = """
 from drl_av.compiled import compiled

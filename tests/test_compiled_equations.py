@@ -26,7 +26,6 @@ from drl_av.driving.affordances import (
 from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_terms
-from drl_av.road.compiled_road import lane_of, road_numbers
 from drl_av.road.road import (
     PartialLane,
     Road,
@@ -34,7 +33,9 @@ from drl_av.road.road import (
     is_beside,
     is_open_at,
     lane_end_m,
+    lane_of,
     mandatory_change,
+    road_numbers,
 )
 from drl_av.road.snapshot import Snapshot
 from drl_av.road.sweep import NO_CONTACT, swept_collision

@@ -9,7 +9,7 @@ import pytest
 from drl_av.config import Config, load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVELS
-from drl_av.drivers.masked_policy import load_actor
+from drl_av.drivers.learned import load_actor
 from drl_av.drivers.policy_file import (
     PRETRAINED,
     SHIPPED,

@@ -10,7 +10,7 @@ import pytest
 from programs import python
 
 from drl_av.cli import main
-from drl_av.cli.status import PLAIN
+from drl_av.cli.console import PLAIN
 
 EVALUATE = ("-m", "drl_av", "evaluate", "idm", "--vehicles", "1", "--episodes", "1")
 

@@ -18,8 +18,7 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, ego_numbers
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.compiled_road import road_numbers
-from drl_av.road.road import ARRIVED_M, FloatArray, Road, holds
+from drl_av.road.road import ARRIVED_M, FloatArray, Road, holds, road_numbers
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.road.sweep import KINDS, swept_collision
 from drl_av.safety.check import SafetyCheck

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from drl_av.cli.console import exit_status
 from drl_av.cli.options import driver_words, int_at_least
-from drl_av.cli.status import exit_status
 from drl_av.config import Config
 from drl_av.config.functions import is_factory
 from drl_av.config.section import did_you_mean

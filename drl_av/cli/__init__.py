@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from drl_av import __version__
 from drl_av.cli import evaluate, export, figures, learning, options, replay, scenario
-from drl_av.cli.status import exit_status
+from drl_av.cli.console import exit_status
 from drl_av.config.section import did_you_mean
 
 

@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drl_av.cli.console import INTERRUPTED
 from drl_av.cli.options import (
     add_env_options,
     add_flag,
@@ -19,7 +20,6 @@ from drl_av.cli.options import (
     numbers_of_vehicles,
     with_command_line,
 )
-from drl_av.cli.status import INTERRUPTED
 from drl_av.drivers.registry import baselines, default_config, find_drivers, warn_of_checks
 from drl_av.errors import ConfigError, pluralize
 from drl_av.evaluation import (

@@ -20,7 +20,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def export(options: argparse.Namespace) -> int:
     """Write the ONNX file, and describe its inputs and outputs; return the exit status 0."""
     from drl_av.config.functions import is_factory
-    from drl_av.drivers.masked_policy import is_actor, load_actor
+    from drl_av.drivers.learned import is_actor, load_actor
     from drl_av.drivers.onnx import ACTOR_INPUTS, ACTOR_OUTPUTS, INPUTS, OUTPUTS, export_actor
     from drl_av.drivers.onnx import export as write
     from drl_av.drivers.policy_file import SHIPPED, find_policy, load_run

@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drl_av.cli.console import INTERRUPTED
 from drl_av.cli.options import (
     add_env_options,
     add_flag,
@@ -18,7 +19,6 @@ from drl_av.cli.options import (
     with_command_line,
 )
 from drl_av.cli.seeds import SeedJob, seed_list, train_seeds
-from drl_av.cli.status import INTERRUPTED
 from drl_av.config import REPLAYS, Config
 from drl_av.config.presets import PRESETS, adaptation, preset
 from drl_av.errors import ConfigError, RunError, SimulationError, pluralize
@@ -77,7 +77,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
 def train(options: argparse.Namespace) -> int:
     """Train a driver by Algorithm 1 in the run folder ``--out``; return the exit status."""
     from drl_av.learning.run_folder import Run, open_training
-    from drl_av.learning.tensorboard import require_tensorboard
+    from drl_av.learning.train import require_tensorboard
 
     if options.tensorboard:
         require_tensorboard()
@@ -177,12 +177,12 @@ def adapt(options: argparse.Namespace) -> int:
 
     This is the continual adaptation of Sec. IV-D of the paper. The verb is ``drl-av adapt``.
     """
-    from drl_av.drivers.masked_policy import is_actor
+    from drl_av.drivers.learned import is_actor
     from drl_av.drivers.policy_file import find_policy
     from drl_av.drivers.registry import find_drivers
     from drl_av.env.custom import custom_inputs
     from drl_av.learning.run_folder import Run, open_training, warm_start
-    from drl_av.learning.tensorboard import require_tensorboard
+    from drl_av.learning.train import require_tensorboard
 
     if options.tensorboard:
         require_tensorboard()
@@ -324,7 +324,7 @@ def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bo
     """Train with a progress bar; return True after the last episode, False after a stop."""
     from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
     from drl_av.learning.run_folder import train
-    from drl_av.learning.tensorboard import tensorboard_writer
+    from drl_av.learning.train import tensorboard_writer
 
     total, done = training.config.learning.episodes, training.episodes_done
     with (

@@ -10,7 +10,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from drl_av.cli.status import INTERRUPTED
+from drl_av.cli.console import INTERRUPTED
 from drl_av.config import Config
 from drl_av.errors import SimulationError, pluralize
 from drl_av.evaluation import LOKY

@@ -1,17 +1,29 @@
-"""The learned driver: it follows the greedy policy of a trained Q-network, in numpy only."""
+"""The learned drivers, in numpy only: those of Algorithm 1, and those that were trained at scale.
 
-from collections.abc import Callable
+A driver of Algorithm 1 follows the greedy policy of its Q-network. One that was trained at scale
+takes the most probable permitted action (ours).
+"""
+
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.network import Float32Array, QNetwork, forward
-from drl_av.drivers.policy_file import load_run
+from drl_av.drivers.network import Float32Array, Layers, QNetwork, forward
+from drl_av.drivers.policy_file import load, load_layers, load_run
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import observed_indicators
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
-from drl_av.errors import ConfigError, RunError
+from drl_av.driving.wide_observation import LANES_ASIDE, WIDE_SIZE, observe_wide
+from drl_av.errors import ConfigError, DrlAvWarning, RunError
+from drl_av.safety import action_mask
+from drl_av.safety.check import SafetyCheck
+from drl_av.scenarios.folder import find_scenario, load_scenario
 
 Values = Callable[[Float32Array], Float32Array]
 """A function of an observation, shape (27,), that returns Q(s, .), a new array of shape (12,)."""
@@ -98,3 +110,111 @@ def require_same_observation(name: str, own: Config, config: Config) -> None:
             "ego.max_speed_m_s than it would drive with here: evaluate it alone, without "
             "settings that change them."
         )
+
+
+KIND = "actor"
+"""The kind of a policy file of a training at scale, in its metadata."""
+INPUTS = WIDE_SIZE + len(ACTIONS)
+"""Number of inputs of its network: the wide observation, then the mask."""
+
+
+class MaskedPolicyDriver(Driver):
+    """Observes more than the environment's observation: the wide observation, and the mask.
+
+    Args:
+        layers: The (weight, bias) of each layer of the actor, whose outputs are logits.
+        check: The safety check under which it drives; it proposes only what the check permits.
+        config: The settings of the environment.
+    """
+
+    def __init__(self, layers: Layers, check: SafetyCheck, config: Config) -> None:
+        self._layers, self._check = layers, check
+        self._range_m = config.observation.range_m
+        self._max_speed_m_s = config.ego.max_speed_m_s
+
+    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+        """Return the permitted action with the largest logit; of all actions if none is permitted.
+
+        ``observation`` is not used.
+        """
+        return ACTIONS[self.logits(scene).argmax()]
+
+    def probabilities(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the probability of each action in training, shape (12,); 0 if not permitted."""
+        logits = self.logits(scene)
+        weights: npt.NDArray[np.float32] = np.exp(logits - logits.max())
+        weights /= weights.sum()
+        return weights
+
+    def logits(self, scene: Scene) -> npt.NDArray[np.float32]:
+        """Return the logits of the 12 actions, -inf for those that the check does not permit."""
+        permitted = action_mask(self._check, scene)
+        wide = observe_wide(
+            scene.snapshot, scene.road, self._range_m, self._max_speed_m_s, scene.lanes
+        )
+        logits = forward(self._layers, np.concatenate((wide, permitted), dtype=np.float32))[1]
+        if permitted.any():
+            logits[permitted == 0] = -np.inf
+        return logits
+
+
+def actor_driver(
+    name: str, actor: tuple[Layers, Config], config: Config, check: SafetyCheck
+) -> MaskedPolicyDriver:
+    """Return the driver of a training at scale for an environment with this config and check.
+
+    A driver that was trained under ``strict`` warns of another check, and one that was trained
+    without ``observation.way`` of a road whose lanes end or leave.
+
+    Raises:
+        RunError: it was trained with another range of observation or ``ego.max_speed_m_s``.
+    """
+    layers, own = actor
+    seen = [(each.observation.range_m, each.ego.max_speed_m_s) for each in (own, config)]
+    if seen[0] != seen[1]:
+        raise RunError(
+            f"{name} was trained with another observation.range_m or ego.max_speed_m_s than it "
+            "would drive with here: leave these settings as they are."
+        )
+    if own.safety.check == "strict" != config.safety.check:
+        warnings.warn(
+            f"{name} was trained under strict and relies on it: under {config.safety.check} it "
+            "proposes what strict would refuse, and hits vehicles; name --safety-check strict "
+            "(safety_check=).",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+    road = load_scenario(find_scenario(config.simulation.scenario)).road
+    if road.partial_lanes and not own.observation.way:
+        warnings.warn(
+            f"{name} was trained on a loop and does not see where a lane ends or leaves, as on "
+            f"{config.simulation.scenario}: it may stand at the end of its lane; gap-mobil and "
+            "pretrained-ramp_to_ramp see it.",
+            DrlAvWarning,
+            stacklevel=2,
+        )
+    return MaskedPolicyDriver(layers, check, config)
+
+
+def load_actor(path: Path) -> tuple[Layers, Config]:
+    """Read the layers and the config of a policy file of a training at scale.
+
+    Raises:
+        CheckpointError: as ``load_layers``.
+    """
+
+    def sizes_of(config: Config) -> Sequence[int]:
+        ppo, groups = config.ppo, len(LANES_ASIDE) + 1
+        lanes = [groups * ppo.lane_units] if ppo.lane_units else []
+        return INPUTS, *lanes, ppo.hidden_1, ppo.hidden_2, len(ACTIONS)
+
+    return load_layers(path, KIND, sizes_of)
+
+
+def is_actor(path: Path) -> bool:
+    """Whether a policy file is one of a training at scale.
+
+    Raises:
+        CheckpointError: the file is missing or damaged.
+    """
+    return bool(load(path)[1].get("kind") == KIND)

@@ -21,8 +21,14 @@ from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import LOADERS, driver_of_factory
 from drl_av.drivers.groups import trainings_of
-from drl_av.drivers.learned import LearnedDriver, load_learned, require_same_observation
-from drl_av.drivers.masked_policy import actor_driver, is_actor, load_actor
+from drl_av.drivers.learned import (
+    LearnedDriver,
+    actor_driver,
+    is_actor,
+    load_actor,
+    load_learned,
+    require_same_observation,
+)
 from drl_av.drivers.network import Layers
 from drl_av.drivers.onnx import exported_config
 from drl_av.drivers.rule_based import (
@@ -172,12 +178,8 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
         group, trainings = trainings_of(word)
         for each in trainings:
             if (known := groups.setdefault(each, group)) != group:
-                where = sorted(
-                    f"in the group {name}" if name else "alone" for name in (known, group)
-                )
-                raise ConfigError(
-                    f"{each} is named twice, {' and '.join(where)}: leave it out once."
-                )
+                where = sorted(f"in the group {one}" if one else "alone" for one in (known, group))
+                raise ConfigError(f"{each} is named twice, {' and '.join(where)}: name it once.")
             if group in driver_names():
                 raise ConfigError(f"{group} is the name of a driver that ships: rename {word}.")
     for word in groups:
@@ -310,9 +312,9 @@ def make_drivers(
     """Load or build each driver for an environment with this config; the keys are their names.
 
     A learned driver keeps the [learning] settings of its training, such as its mirror. With
-    ``driver.hold_s`` each is a ``SteadyDriver``, but SUMO's own.
-    ``check`` is the environment's safety check; by default it is made if a driver asks it.
-    ``own_observation`` is the space of the environment's observation, if that is the user's.
+    ``driver.hold_s`` each is a ``SteadyDriver``, but SUMO's own. ``check`` is the environment's
+    safety check, which is made if a driver asks it; ``own_observation`` is the space of the
+    environment's observation, if that is the user's.
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of

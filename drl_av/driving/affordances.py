@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from drl_av.compiled import borrowing, inlined
 from drl_av.config import ObservationConfig
-from drl_av.road.compiled_road import allowed_speed_in, around, lane_of, may_cross, road_numbers
 from drl_av.road.road import (
     LANE_CHANGE_S,
     NO_CHANGE,
@@ -18,10 +17,15 @@ from drl_av.road.road import (
     RoadNumbers,
     SpeedLimit,
     allowed_speed,
+    allowed_speed_in,
+    around,
     is_beside,
     is_open,
     lane_end_m,
+    lane_of,
     mandatory_change,
+    may_cross,
+    road_numbers,
 )
 from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from drl_av.compiled import borrowing, inlined
 from drl_av.driving.affordances import NO_VEHICLE, IntArray
-from drl_av.road.compiled_road import around, lane_of
-from drl_av.road.road import FloatArray
+from drl_av.road.road import FloatArray, around, lane_of
 
 TOLERANCE_M = 1e-6
 """By how much a lane counts as wider where only the lanes without any vehicle are sought."""

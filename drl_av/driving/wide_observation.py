@@ -11,15 +11,17 @@ import numpy.typing as npt
 
 from drl_av.compiled import borrowing
 from drl_av.driving.affordances import ROUTE_SCALE_M, IntArray
-from drl_av.road.compiled_road import ahead_m, lane_of, road_numbers
 from drl_av.road.road import (
     FloatArray,
     Road,
     RoadNumbers,
+    ahead_m,
     is_beside,
     is_open_at,
     lane_end_m,
+    lane_of,
     mandatory_change,
+    road_numbers,
 )
 from drl_av.road.snapshot import EGO, Snapshot, Vehicles
 

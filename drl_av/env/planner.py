@@ -15,7 +15,7 @@ from threadpoolctl import ThreadpoolController
 from drl_av.config import Config
 from drl_av.config.learning import SPAN_M_S
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.masked_policy import actor_driver, load_actor
+from drl_av.drivers.learned import actor_driver, load_actor
 from drl_av.drivers.network import Layers
 from drl_av.drivers.policy_file import PRETRAINED, find_policy
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, Action

@@ -9,8 +9,7 @@ from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, grou
 from drl_av.driving.observation_scale import ObservationScale, scale_into
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_terms
-from drl_av.road.compiled_road import road_numbers
-from drl_av.road.road import FloatArray, Road, RoadNumbers
+from drl_av.road.road import FloatArray, Road, RoadNumbers, road_numbers
 from drl_av.road.snapshot import Snapshot, Vehicles
 
 Observation = npt.NDArray[np.float32]

@@ -20,8 +20,7 @@ from drl_av.driving.maneuver import plan_into
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.env.scene_values import compute_values
 from drl_av.errors import ConfigError
-from drl_av.road.compiled_road import road_numbers
-from drl_av.road.road import RoadNumbers, holds
+from drl_av.road.road import RoadNumbers, holds, road_numbers
 from drl_av.road.sweep import HIT_EDGE, NO_CONTACT, swept_collision
 from drl_av.safety import named_check
 from drl_av.safety.paper import before_lane_ends, paper_verdicts

@@ -8,7 +8,7 @@ from drl_av.config import Config
 from drl_av.env.twin_episodes import advance, read_scene
 from drl_av.env.world_arrays import exchange_vehicles, leaving_and_entering
 from drl_av.errors import ConfigError
-from drl_av.road.compiled_road import road_numbers
+from drl_av.road.road import road_numbers
 from drl_av.road.snapshot import NO_COMMANDS, Collision, Command, Snapshot, TrafficCommands
 from drl_av.road.sweep import HIT_EDGE, KINDS, NO_CONTACT
 from drl_av.scenarios.folder import Scenario

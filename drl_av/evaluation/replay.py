@@ -18,8 +18,7 @@ from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
 from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.learned import LearnedDriver
-from drl_av.drivers.masked_policy import MaskedPolicyDriver
+from drl_av.drivers.learned import LearnedDriver, MaskedPolicyDriver
 from drl_av.drivers.registry import DriverSpec, find_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts

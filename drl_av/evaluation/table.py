@@ -22,8 +22,7 @@ from drl_av.evaluation.provenance import (
     read_provenance,
     write_provenance,
 )
-from drl_av.files.atomic import files_digest, make_folder, require_writable
-from drl_av.files.locks import hold
+from drl_av.files.atomic import files_digest, hold, make_folder, require_writable
 from drl_av.files.table import (
     LARGEST,
     SHOWN,

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 from drl_av.config import Config
 from drl_av.config.reference import annotated_toml
-from drl_av.drivers.masked_policy import INPUTS, KIND
+from drl_av.drivers.learned import INPUTS, KIND
 from drl_av.drivers.policy_file import save
 from drl_av.driving.wide_observation import EGO_AT, LANES_ASIDE
 from drl_av.env.fork import twin_of
 from drl_av.errors import ConfigError, DrlAvError
-from drl_av.files.locks import locked
+from drl_av.files.atomic import locked
 from drl_av.files.table import append_rows, table_bytes
 from drl_av.learning.run_folder import AT_SCALE, refusals_to_make, require_new, require_no_hold
 

@@ -17,8 +17,7 @@ from drl_av.drivers.registry import DRIVER_FILES
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, custom_inputs
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
-from drl_av.files.atomic import replacing
-from drl_av.files.locks import locked
+from drl_av.files.atomic import locked, replacing
 from drl_av.files.table import table_bytes
 from drl_av.learning.algorithm_1 import (
     EpisodeRow,

@@ -23,8 +23,7 @@ from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEAD
 from drl_av.env.route_outcome import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
-from drl_av.road.compiled_road import ahead_m, lane_of
-from drl_av.road.road import RoadNumbers
+from drl_av.road.road import RoadNumbers, ahead_m, lane_of
 from drl_av.twin.worlds import DESIRED_M_S, FloatArray, IntArray
 
 Float32Array = npt.NDArray[np.float32]

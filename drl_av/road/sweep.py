@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.compiled import borrowing, compiled
-from drl_av.road.compiled_road import around
-from drl_av.road.road import FloatArray
+from drl_av.road.road import FloatArray, around
 from drl_av.road.snapshot import EGO, CollisionKind, Command
 
 IntArray = npt.NDArray[np.int64]

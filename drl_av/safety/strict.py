@@ -111,8 +111,7 @@ from drl_av.driving.affordances import FRONT, LANE, IntArray, has_lane
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.road.compiled_road import allowed_speed_in
-from drl_av.road.road import FloatArray
+from drl_av.road.road import FloatArray, allowed_speed_in
 from drl_av.road.snapshot import EGO, Vehicles
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck

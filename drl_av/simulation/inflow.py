@@ -12,8 +12,7 @@ from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.driving.affordances import IntArray
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.compiled_road import lane_of
-from drl_av.road.road import FloatArray, allowed_speed
+from drl_av.road.road import FloatArray, allowed_speed, lane_of
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_description import MOST_VEHICLES
 from drl_av.simulation.population import (

@@ -8,8 +8,8 @@ import pytest
 from runs import TINY, error_message, files_of
 
 from drl_av.cli import main
+from drl_av.cli.console import INTERRUPTED
 from drl_av.cli.seeds import SeedJob, group_of, seed_list, train_seed
-from drl_av.cli.status import INTERRUPTED
 from drl_av.config.presets import preset
 from drl_av.drivers.groups import trainings_of
 from drl_av.drivers.registry import driver_names

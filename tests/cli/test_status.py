@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from drl_av.cli.status import exit_status
+from drl_av.cli.console import exit_status
 
 
 class Callback:

@@ -414,7 +414,7 @@ def test_gymnasium_stacks_frames_in_another_shape(tmp_path: Path) -> None:
 
 def test_a_warning_is_one_line_of_the_command(here: Path) -> None:
     program = (
-        "import warnings, sys\nfrom drl_av.cli.status import exit_status\n"
+        "import warnings, sys\nfrom drl_av.cli.console import exit_status\n"
         "from drl_av.errors import DrlAvWarning\n"
         "sys.exit(exit_status('drl-av', lambda: warnings.warn('a\\x1bb.', DrlAvWarning) or 0))"
     )

@@ -17,7 +17,7 @@ from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.masked_policy import INPUTS, MaskedPolicyDriver, load_actor
+from drl_av.drivers.learned import INPUTS, MaskedPolicyDriver, load_actor
 from drl_av.drivers.network import forward
 from drl_av.drivers.policy_file import load, save
 from drl_av.drivers.registry import load_driver

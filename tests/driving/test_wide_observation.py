@@ -15,8 +15,7 @@ from drl_av.driving.wide_observation import (
     scratch,
     wide_observation,
 )
-from drl_av.road.compiled_road import road_numbers
-from drl_av.road.road import Road
+from drl_av.road.road import Road, road_numbers
 
 FARTHEST = math.log(1 + 250 / 5)
 

@@ -12,7 +12,7 @@ import pytest
 
 import drl_av
 from drl_av.config import Config
-from drl_av.drivers.masked_policy import INPUTS, MaskedPolicyDriver
+from drl_av.drivers.learned import INPUTS, MaskedPolicyDriver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_NAMES

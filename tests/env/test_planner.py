@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from worlds import CENTER, LEFT, RIGHT, Car, ahead, scene, snapshot
 
 from drl_av.config import Config
-from drl_av.drivers.masked_policy import INPUTS
+from drl_av.drivers.learned import INPUTS
 from drl_av.drivers.registry import driving_config, find_drivers, load_driver, make_drivers
 from drl_av.driving.actions import ACCELERATE, BRAKE, HARD_BRAKE, KEEP, MAINTAIN
 from drl_av.driving.actions import LEFT as TO_LEFT

@@ -23,7 +23,6 @@ from drl_av.driving.maneuver import plan
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import DrlAvWarning, ScenarioError
-from drl_av.road.compiled_road import allowed_speed_in, may_cross, road_numbers
 from drl_av.road.road import (
     LIMIT_BRAKING_M_S2,
     OPEN_LAP_M,
@@ -31,6 +30,9 @@ from drl_av.road.road import (
     Road,
     SpeedLimit,
     allowed_speed,
+    allowed_speed_in,
+    may_cross,
+    road_numbers,
 )
 from drl_av.scenarios.folder import find_scenario, write_scenario
 from drl_av.scenarios.highways import ExitDescription

@@ -121,7 +121,7 @@ def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(here: Path)
         (["idm=runs/*"], r"idm is the name of a driver that ships: rename idm=runs/\*"),
         (
             ["ppo=runs/*", "dqn=runs/seed-2"],
-            "runs/seed-2 is named twice, in the group dqn and in the group ppo: leave it out once",
+            "runs/seed-2 is named twice, in the group dqn and in the group ppo: name it once",
         ),
         (["ppo=runs/*", "runs/seed-2"], "is named twice, alone and in the group ppo"),
     ):

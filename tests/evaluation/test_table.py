@@ -234,9 +234,7 @@ def test_a_second_process_may_not_write_to_the_table(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     table = ResultTable(path, INPUTS, PLACE)
     ResultTable(path, INPUTS, PLACE)  # the same process may
-    program = (
-        f"from pathlib import Path; from drl_av.files.locks import hold; hold(Path({str(path)!r}))"
-    )
+    program = f"import pathlib, drl_av.files.atomic as f; f.hold(pathlib.Path({str(path)!r}))"
     second = python("-c", program)
     assert second.returncode == 1
     assert f"Another process is writing to {path}: wait for it" in second.stderr

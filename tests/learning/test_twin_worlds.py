@@ -14,7 +14,7 @@ from worlds import ROAD
 from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
 from drl_av.errors import DrlAvWarning, RunError
-from drl_av.files.locks import locked
+from drl_av.files.atomic import locked
 from drl_av.learning.large_scale import learner_of, train_at_scale
 from drl_av.learning.twin_worlds import (
     PLACES_M,
@@ -23,7 +23,7 @@ from drl_av.learning.twin_worlds import (
     look_at_whole_road,
     whole_road_size,
 )
-from drl_av.road.compiled_road import road_numbers
+from drl_av.road.road import road_numbers
 from drl_av.road.snapshot import Snapshot
 from drl_av.twin.worlds import COUNT, DESIRED_M_S, EXPECTED_M_S
 

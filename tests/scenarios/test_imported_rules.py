@@ -15,8 +15,7 @@ from plain_sumo import run_sumo
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
-from drl_av.road.compiled_road import may_cross, road_numbers
-from drl_av.road.road import OPEN_LAP_M
+from drl_av.road.road import OPEN_LAP_M, may_cross, road_numbers
 from drl_av.scenarios.folder import load_scenario, read_description, write_scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.imported.net_file import TREATMENTS, Found, left_out

@@ -23,8 +23,7 @@ from drl_av.drivers.network import Float32Array
 from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
 from drl_av.driving.affordances import CODES, VALUES, IntArray, complete
 from drl_av.driving.nearest import Along, find_nearest, sort_along
-from drl_av.road.compiled_road import ahead_m, lane_of, road_numbers
-from drl_av.road.road import FloatArray, Road, RoadNumbers
+from drl_av.road.road import FloatArray, Road, RoadNumbers, ahead_m, lane_of, road_numbers
 from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands, Vehicles
 from drl_av.road.vehicle_types import VehicleTypes
 from drl_av.safety.reachability import stopping_distance
