@@ -236,11 +236,10 @@ class FileStudy:
                 config = options.settings(base, *own)
                 for name in [made.name] if made else drivers:
                     words = {"driver": name, "training": name, "traffic": kind}
-                    words["variant"] = variant.name
-                    known = made.job.config if made else base
-                    if "{traffic}" in template or "{variant}" in template:
-                        known = config
-                    settings.setdefault(template.format(**words), known)
+                    varies = "{traffic}" in template or "{variant}" in template
+                    settings.setdefault(
+                        template.format(**words, variant=variant.name), config if varies else base
+                    )
                 key = {} if kind is None else {"traffic": kind}
                 key |= {"variant": variant.name} if variant.name else {}
                 first = rows["seeds"].get("first", 0)
@@ -258,16 +257,15 @@ class FileStudy:
             "variant": [each.name for each in self.variants],
             "vehicles": self.vehicles,
             "traffic": self.file["rows"].get("traffic", ()),
-            "seed": _seed(self.file["rows"]["seeds"].get("first", 0)),
+            "seed": int,
         }
         for column in {name for each in self.variants for name in each.columns}:
             found = (each.columns[column] for each in self.variants if column in each.columns)
             known[column] = dict.fromkeys(found)
         order = self.file.get("order", ["vehicles", "seed", "driver"])
         if others := [column for column in order if column not in known]:
-            raise ConfigError(
-                f"{self.path}: order has {others[0]!r}, but its columns are {', '.join(known)}."
-            )
+            names = ", ".join(known)
+            raise ConfigError(f"{self.path}: order has {others[0]!r}, but must be of {names}.")
         return order_by(**{column: known[column] for column in order})
 
     @property
@@ -319,12 +317,3 @@ def _checked(path: Path, part: str, content: Mapping[str, Any]) -> Mapping[str, 
             said = f"is {value!r}" if name in content else "is missing"
             raise ConfigError(f"{path}: {name} {said}, but must be {TYPES[kind]}.")
     return content
-
-
-def _seed(first: int) -> Callable[[str], int]:
-    def seed(text: str) -> int:
-        if (number := int(text)) < first:
-            raise ValueError(f"seed is {text}")
-        return number
-
-    return seed

@@ -123,7 +123,7 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
         ("seeds = {", "seeds = 3 # {", "seeds is 3, but must be a table"),
         ("vehicles = [1, 3]", "vehicles = 5", "vehicles is 5, but must be a list"),
         ("vehicles = [1, 3]", "vehicles = [1, '3']", "vehicles is '3', but must be a whole number"),
-        ('"seed", "driver"]\nse', '"sed"]\nse', "order has 'sed', but its columns are driver, "),
+        ('"seed", "driver"]\nse', '"sed"]\nse', "order has 'sed', but must be of driver, "),
         ("settings_named", 'metrics = "fast"\nsettings_named', "metrics must be one of episode, c"),
         ('text = "{ego', 'txt = "{ego', "unknown key 'txt'"),
         (', text = "{ego_hit} of {episodes}"', "", r"has the measure \{'head': 'hits'\}: it must"),
