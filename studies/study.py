@@ -264,8 +264,8 @@ class FileStudy:
             known[column] = dict.fromkeys(found)
         order = self.file.get("order", ["vehicles", "seed", "driver"])
         if others := [column for column in order if column not in known]:
-            names = ", ".join(known)
-            raise ConfigError(f"{self.path}: order has {others[0]!r}, but must be of {names}.")
+            words = ", ".join(known)
+            raise ConfigError(f"{self.path}: order has {others[0]!r}, but must be of {words}.")
         return order_by(**{column: known[column] for column in order})
 
     @property

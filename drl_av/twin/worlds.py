@@ -6,7 +6,7 @@ the world's ``COUNT`` are unused. Everything that SUMO's models remember between
 these arrays, so a copy of them continues like the original.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -114,8 +114,8 @@ class World(NamedTuple):
 
     x: FloatArray
     """Real numbers, shape (rows, vehicles)."""
-    z: IntArray
-    """Whole numbers, shape (rows, vehicles)."""
+    z: npt.NDArray[Any]
+    """Whole numbers of 32 bits, of which more worlds fit in a cache, shape (rows, vehicles)."""
     notes: FloatArray
     """Scratch numbers of the vehicle that considers a lane change, shape (16,)."""
     near: IntArray
@@ -159,7 +159,7 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
     """Return the arrays of ``worlds`` worlds for up to ``vehicles`` vehicles, the ego included."""
     return Worlds(
         x=np.zeros((worlds, EXPECTED_M_S + lanes, vehicles)),
-        z=np.zeros((worlds, AHEAD + 2 * lanes, vehicles), dtype=np.int64),
+        z=np.zeros((worlds, AHEAD + 2 * lanes, vehicles), dtype=np.int32),
         notes=np.zeros((worlds, 16)),
         near=np.zeros((worlds, FIRST_ON + MOST_STRIPS), dtype=np.int64),
     )
