@@ -147,7 +147,7 @@ def test_rule_based_drivers() -> None:
         pairs: list[tuple[Driver, Driver]] = [
             (IdmDriver(config.safety), rules.IdmDriver(config.safety)),
             (MobilDriver(*settings), rules.MobilDriver(*settings)),
-            (MobilDriver(*settings, 1.1), rules.GapMobilDriver(*settings, 1.1)),
+            (MobilDriver(*settings, 1.1), rules.MobilDriver(*settings, 1.1)),
         ]
         for driver, oracle in pairs:
             assert driver.act(world, nothing) == oracle.act(world, nothing)

@@ -27,13 +27,12 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     otherwise behind. A vehicle exactly beside the ego counts as ahead. The end of a lane counts as
     a standing vehicle.
     """
-    # lists: numpy arrays take twice as long for so few vehicles
     s_m, y_m = snapshot.s_m.tolist(), snapshot.y_m.tolist()
     speed, lateral = snapshot.speed_m_s.tolist(), snapshot.lateral_speed_m_s.tolist()
     length_m, width_m = snapshot.length_m.tolist(), snapshot.width_m.tolist()
     lane = road.lane_of(y_m[EGO])
     own_m = road.center_m(lane)
-    right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
+    centers_m = own_m, own_m - road.lane_width_m, own_m + road.lane_width_m
     lap_m, half_lap_m = road.lap_m, road.lap_m / 2
     ego_s_m, ego_length_m, half_lane_m = s_m[EGO], length_m[EGO], road.lane_width_m / 2
     gaps_m, rows = [math.inf] * len(SLOTS), [EGO] * len(SLOTS)
@@ -41,17 +40,11 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
     next(vehicles)  # the ego
     for row, (at_m, across_m, its_length_m, its_width_m) in vehicles:
         ahead_m = (at_m - ego_s_m + half_lap_m) % lap_m - half_lap_m
-        if ahead_m < 0.0:
-            ahead_m, own, right, left = -ahead_m, 1, 3, 5
-        else:
-            own, right, left = 0, 2, 4
+        slots, ahead_m = ((1, 3, 5), -ahead_m) if ahead_m < 0.0 else ((0, 2, 4), ahead_m)
         gap_m, reach_m = ahead_m - (its_length_m + ego_length_m) / 2, its_width_m / 2 + half_lane_m
-        if gap_m < gaps_m[own] and -reach_m < across_m - own_m < reach_m:
-            gaps_m[own], rows[own] = gap_m, row
-        if gap_m < gaps_m[right] and -reach_m < across_m - right_m < reach_m:
-            gaps_m[right], rows[right] = gap_m, row
-        if gap_m < gaps_m[left] and -reach_m < across_m - left_m < reach_m:
-            gaps_m[left], rows[left] = gap_m, row
+        for slot, center_m in zip(slots, centers_m, strict=True):
+            if gap_m < gaps_m[slot] and -reach_m < across_m - center_m < reach_m:
+                gaps_m[slot], rows[slot] = gap_m, row
     partial, front_m = road.partial_lanes, ego_s_m + ego_length_m / 2
     beside = {-1: is_open(lane - 1, road), 1: is_open(lane + 1, road)}
     if partial:
@@ -66,25 +59,13 @@ def compute_affordances(snapshot: Snapshot, road: Road, range_m: float) -> Affor
                 speed.append(0.0)
                 lateral.append(0.0)
     ego_speed, ego_y_m, ego_lateral = speed[EGO], y_m[EGO], lateral[EGO]
-    own_front, own_rear, right_front, right_rear, left_front, left_rear = [
-        None
-        if gap_m > range_m
-        else Neighbor(
-            row,
-            gap_m if gap_m > 0.0 else 0.0,
-            speed[row] - ego_speed,
-            y_m[row] - ego_y_m,
-            lateral[row] - ego_lateral,
-        )
-        for gap_m, row in zip(gaps_m, rows, strict=True)
-    ]
+    neighbors: list[Neighbor | None] = []
+    for gap_m, row in zip(gaps_m, rows, strict=True):
+        moves = speed[row] - ego_speed, y_m[row] - ego_y_m, lateral[row] - ego_lateral
+        near_m = gap_m if gap_m > 0.0 else 0.0
+        neighbors.append(None if gap_m > range_m else Neighbor(row, near_m, *moves))
     return Affordances(
-        own_front,
-        own_rear,
-        right_front,
-        right_rear,
-        left_front,
-        left_rear,
+        *neighbors,
         right_lane=beside[-1],
         left_lane=beside[1],
         lane=lane,

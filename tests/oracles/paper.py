@@ -1,7 +1,6 @@
 """The check ``paper`` on one action, in plain Python."""
 
 import math
-from typing import Any, NamedTuple
 
 from drl_av.config import SafetyConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
@@ -25,38 +24,12 @@ def time_to_collision(gap_m: float, closing_m_s: float) -> float:
     return gap_m / closing_m_s if closing_m_s > 0 else math.inf
 
 
-class Approach(NamedTuple):
-    """A net gap, metres, and the speed at which it shrinks, m/s: two floats, or two arrays."""
-
-    gap_m: Any
-    closing_m_s: Any
-
-
-ABSENT = Approach(math.inf, 0.0)
-"""The approach of a vehicle that does not exist."""
-
-
-def gap_condition(gap_m: Any, closing_m_s: Any, config: SafetyConfig) -> Any:
+def gap_condition(gap_m: float, closing_m_s: float, config: SafetyConfig) -> bool:
     """Whether eq. 3 of the paper holds: gap_m - T_min * closing_m_s > d_TVmin.
 
-    ``closing_m_s`` is positive if the gap shrinks. Works elementwise on arrays.
+    ``closing_m_s`` is positive if the gap shrinks.
     """
     return gap_m - config.minimum_ttc_s * closing_m_s > config.minimum_gap_m
-
-
-def lane_change_is_safe(
-    own_front: Approach, front: Approach, rear: Approach, config: SafetyConfig
-) -> Any:
-    """Whether a lane change is safe by rule 3 of the paper.
-
-    The gap condition (eq. 3) must hold for the vehicle ahead in the own lane, and for those ahead
-    and behind in the target lane; ``ABSENT`` is a missing vehicle. Works elementwise on arrays.
-    """
-    return (
-        gap_condition(*own_front, config)
-        & gap_condition(*front, config)
-        & gap_condition(*rear, config)
-    )
 
 
 def safe_action(ttc_s: float, config: SafetyConfig) -> Longitudinal:
@@ -115,26 +88,20 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
         return proposed, Rule.NONE
     if scene.lane_change is None:
         return Lateral.KEEP, Rule.LANE_CHANGE
-    goes_back = (
-        config.printed_rule_3
-        or lane_is_clear(affordances, wanted.origin, config)
-        or wanted.origin == affordances.lane
-    )
-    return (toward(-wanted.sign), Rule.LANE_CHANGE) if goes_back else (proposed, Rule.NONE)
+    goes_back = config.printed_rule_3 or wanted.origin == affordances.lane
+    if goes_back or lane_is_clear(affordances, wanted.origin, config):
+        return toward(-wanted.sign), Rule.LANE_CHANGE
+    return proposed, Rule.NONE
 
 
 def lane_is_clear(affordances: Affordances, lane: int, config: SafetyConfig) -> bool:
     """Whether rule 3 of the paper permits a lane change to the lane with this index.
 
     The gap condition (eq. 3) must hold for the vehicle ahead in the ego's lane, and for those ahead
-    and behind in ``lane``.
+    and behind in ``lane``, where there are any.
     """
     sign = lane - affordances.lane
-    own_front, front, rear = affordances.own_front, affordances.front(sign), affordances.rear(sign)
-    safe: bool = lane_change_is_safe(
-        ABSENT if own_front is None else Approach(own_front.gap_m, closing_speed(own_front)),
-        ABSENT if front is None else Approach(front.gap_m, closing_speed(front)),
-        ABSENT if rear is None else Approach(rear.gap_m, rear.relative_speed_m_s),
-        config,
-    )
-    return safe
+    fronts, rear = (affordances.own_front, affordances.front(sign)), affordances.rear(sign)
+    pairs = [(front.gap_m, closing_speed(front)) for front in fronts if front is not None]
+    pairs += [] if rear is None else [(rear.gap_m, rear.relative_speed_m_s)]
+    return all(gap_condition(*pair, config) for pair in pairs)

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 from drl_av.config import EgoConfig, MobilConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import Affordances
-from drl_av.driving.maneuver import Plan
+from drl_av.driving.car_following import Idm
+from drl_av.driving.maneuver import Plan, Pose
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.snapshot import Command
 
@@ -22,25 +22,15 @@ ROAD_CURVATURE_PER_M = 0.0
 """k_road, the curvature of the road, 1/m; 0 because the loop represents a straight road."""
 
 
-def next_lane_change(
-    lane_change: LaneChange | None, lane: int, lateral: Lateral
-) -> LaneChange | None:
+def next_lane_change(change: LaneChange | None, lane: int, lateral: Lateral) -> LaneChange | None:
     """Return the lane change after a lateral action starts, continues or aborts it (Sec. IV-A).
 
-    ``lane_change`` is the lane change in progress, and ``lane`` the index of the ego's lane. None
-    means that no lane change is in progress.
+    ``change`` is the lane change in progress, and ``lane`` the index of the ego's lane. None means
+    that no lane change is in progress.
     """
-    if lane_change is None:
+    if change is None:
         return LaneChange(lane, lane + lateral.sign) if lateral.sign else None
-    return lane_change.reversed() if lateral.sign == -lane_change.sign else lane_change
-
-
-class Pose(NamedTuple):
-    """The ego's lateral position and heading."""
-
-    y_m: float
-    heading_rad: float
-    """e_psi: angle between the ego and the lane, left positive."""
+    return change.reversed() if lateral.sign == -change.sign else change
 
 
 def curvature_limit(speed_m_s: float, heading_rad: float, ego: EgoConfig) -> float:
@@ -86,12 +76,7 @@ def curvature_command(
 
 
 def steer(
-    pose: Pose,
-    target_m: float,
-    speed_m_s: float,
-    duration_s: float,
-    lane_width_m: float,
-    ego: EgoConfig,
+    pose: Pose, target_m: float, speed_m_s: float, duration_s: float, width_m: float, ego: EgoConfig
 ) -> Pose:
     """Return the ego's pose after it steers to the lane centre at ``target_m`` for ``duration_s``.
 
@@ -102,55 +87,33 @@ def steer(
     advance_m = speed_m_s * duration_s / steps
     y_m, heading = pose
     for _ in range(steps):
-        curvature = curvature_command(
-            ROAD_CURVATURE_PER_M, target_m - y_m, heading, speed_m_s, lane_width_m, ego
-        )
+        off_m = target_m - y_m
+        curvature = curvature_command(ROAD_CURVATURE_PER_M, off_m, heading, speed_m_s, width_m, ego)
         next_heading = heading + (curvature - ROAD_CURVATURE_PER_M) * advance_m / math.cos(heading)
         y_m += math.tan((heading + next_heading) / 2) * advance_m
         heading = next_heading
     return Pose(y_m, heading)
 
 
-def settled(
-    pose: Pose, target_m: float, speed_m_s: float, lane_width_m: float, ego: EgoConfig
-) -> bool:
+def settled(pose: Pose, target_m: float, speed_m_s: float, width_m: float, ego: EgoConfig) -> bool:
     """Whether the lane change has ended: the ego is near the lane's centre and parallel to it."""
-    mean_slope = lane_width_m / lane_change_length(speed_m_s, lane_width_m, ego)
-    return (
-        abs(target_m - pose.y_m) <= SETTLED_OFFSET * lane_width_m
-        and abs(math.tan(pose.heading_rad)) <= SETTLED_SLOPE * mean_slope
-    )
-
-
-class Idm(NamedTuple):
-    """Parameters of the intelligent driver model: T, s_0, a and b."""
-
-    headway_s: float
-    standstill_gap_m: float
-    acceleration_m_s2: float
-    comfortable_braking_m_s2: float
+    slope = SETTLED_SLOPE * (width_m / lane_change_length(speed_m_s, width_m, ego))
+    is_near = abs(target_m - pose.y_m) <= SETTLED_OFFSET * width_m
+    return is_near and abs(math.tan(pose.heading_rad)) <= slope
 
 
 def idm_acceleration(
-    speed_m_s: float,
-    desired_m_s: float,
-    gap_m: float,
-    closing_m_s: float,
-    config: Idm | MobilConfig,
+    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, idm: Idm | MobilConfig
 ) -> float:
     """Return the acceleration of the intelligent driver model (Treiber et al. 2000), m/s^2.
 
     ``gap_m`` is inf on a free road; ``closing_m_s`` is positive if the gap shrinks.
     """
-    wanted_gap_m = config.standstill_gap_m + max(
-        0.0,
-        speed_m_s * config.headway_s
-        + speed_m_s
-        * closing_m_s
-        / (2 * math.sqrt(config.acceleration_m_s2 * config.comfortable_braking_m_s2)),
-    )
-    interaction = (wanted_gap_m / max(gap_m, 0.01)) ** 2
-    return config.acceleration_m_s2 * (1 - (speed_m_s / desired_m_s) ** 4 - interaction)
+    most = idm.acceleration_m_s2
+    brakes_m = speed_m_s * closing_m_s / (2 * math.sqrt(most * idm.comfortable_braking_m_s2))
+    wanted_m = idm.standstill_gap_m + max(0.0, speed_m_s * idm.headway_s + brakes_m)
+    interaction = (wanted_m / max(gap_m, 0.01)) ** 2
+    return most * (1 - (speed_m_s / desired_m_s) ** 4 - interaction)
 
 
 def acc_acceleration(
@@ -192,10 +155,8 @@ def reference_speeds(
     if ego.longitudinal_reference == "acceleration" or action >= Longitudinal.BRAKE:
         speed, step_s = affordances.ego_speed_m_s, simulation.step_length_s
         acceleration = action.acceleration_m_s2(ego)  # the point mass, eq. 5 of the paper
-        steps = range(1, simulation.steps_per_decision + 1)
-        return [
-            min(max(speed + acceleration * step * step_s, 0.0), ego.max_speed_m_s) for step in steps
-        ]
+        steps, most = range(1, simulation.steps_per_decision + 1), ego.max_speed_m_s
+        return [min(max(speed + acceleration * step * step_s, 0.0), most) for step in steps]
     return _model_speeds(affordances, action, ego, simulation)
 
 
@@ -227,21 +188,9 @@ def model_acceleration(
         return 0.0
     if ego.longitudinal_reference == "acc":
         return acc_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, ego)
-    idm = Idm(
-        ego.reference_headway_s,
-        ego.reference_standstill_gap_m,
-        ego.accelerate_m_s2,
-        ego.brake_m_s2,
-    )
+    limits = ego.accelerate_m_s2, ego.brake_m_s2
+    idm = Idm(ego.reference_headway_s, ego.reference_standstill_gap_m, *limits)
     return idm_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, idm)
-
-
-class Sideways(NamedTuple):
-    """The ego's lateral state after a SUMO step, and the lane change in progress, or None."""
-
-    y_m: float
-    lateral_speed_m_s: float
-    lane_change: LaneChange | None
 
 
 def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationConfig) -> Plan:
@@ -251,55 +200,42 @@ def plan(scene: Scene, action: Action, ego: EgoConfig, simulation: SimulationCon
     follows the model ``ego.lateral_plant``. With each of its two models, a lane change ends exactly
     at the lane's centre.
     """
-    affordances, step_s, move = (
-        scene.affordances,
-        simulation.step_length_s,
-        _PLANTS[ego.lateral_plant],
-    )
+    affordances, step_s = scene.affordances, simulation.step_length_s
+    move, width_m = _PLANTS[ego.lateral_plant], affordances.lane_width_m
     change = next_lane_change(scene.lane_change, affordances.lane, action.lateral)
     y_m, lateral_m_s, commands = affordances.ego_y_m, 0.0, []
     for speed in reference_speeds(affordances, action.longitudinal, ego, simulation):
         if change is not None:
-            y_m, lateral_m_s, change = move(
-                y_m, change, speed, affordances.lane_width_m, ego, step_s
-            )
+            y_m, lateral_m_s, change = move(y_m, change, speed, width_m, ego, step_s)
         commands.append(Command(speed, y_m, lateral_m_s))
     return Plan(commands, change)
 
 
+Sideways = tuple[float, float, LaneChange | None]
+"""The ego's lateral position and speed after a SUMO step, and the lane change in progress."""
+
+
 def _kinematic(
-    y_m: float,
-    lane_change: LaneChange,
-    speed_m_s: float,
-    lane_width_m: float,
-    ego: EgoConfig,
-    step_s: float,
+    y_m: float, change: LaneChange, speed_m_s: float, width_m: float, ego: EgoConfig, step_s: float
 ) -> Sideways:
     """Move the ego at one lane width per T_LC towards the target lane (eq. 6 of the paper)."""
-    target_m = lane_change.target * lane_width_m
-    rate_m_s = lane_width_m / ego.lane_change_duration_s
+    target_m, rate_m_s = change.target * width_m, width_m / ego.lane_change_duration_s
     stride_m = rate_m_s * step_s
     if abs(target_m - y_m) <= stride_m + 1e-6:
-        return Sideways(target_m, 0.0, None)
-    sign = lane_change.sign
-    return Sideways(y_m + sign * stride_m, sign * rate_m_s, lane_change)
+        return target_m, 0.0, None
+    return y_m + change.sign * stride_m, change.sign * rate_m_s, change
 
 
 def _steering(
-    y_m: float,
-    lane_change: LaneChange,
-    speed_m_s: float,
-    lane_width_m: float,
-    ego: EgoConfig,
-    step_s: float,
+    y_m: float, change: LaneChange, speed_m_s: float, width_m: float, ego: EgoConfig, step_s: float
 ) -> Sideways:
     """Steer the vehicle of Sec. III of the paper; once settled it is exactly at the centre."""
-    target_m, pose = lane_change.target * lane_width_m, Pose(y_m, lane_change.heading_rad)
-    pose = steer(pose, target_m, speed_m_s, step_s, lane_width_m, ego)
-    if settled(pose, target_m, speed_m_s, lane_width_m, ego):
-        return Sideways(target_m, 0.0, None)
-    lateral_speed = speed_m_s * math.tan(pose.heading_rad)
-    return Sideways(pose.y_m, lateral_speed, lane_change._replace(heading_rad=pose.heading_rad))
+    target_m, pose = change.target * width_m, Pose(y_m, change.heading_rad)
+    pose = steer(pose, target_m, speed_m_s, step_s, width_m, ego)
+    if settled(pose, target_m, speed_m_s, width_m, ego):
+        return target_m, 0.0, None
+    turned = change._replace(heading_rad=pose.heading_rad)
+    return pose.y_m, speed_m_s * math.tan(pose.heading_rad), turned
 
 
 _PLANTS = {"kinematic": _kinematic, "steering": _steering}

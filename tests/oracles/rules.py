@@ -9,12 +9,12 @@ from drl_av.config import EgoConfig, MobilConfig, SafetyConfig
 from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import Action, Lateral, Longitudinal, nearest_action, toward
 from drl_av.driving.affordances import Affordances, Neighbor
-from drl_av.driving.car_following import idm_acceleration, time_gap_acceleration
 from drl_av.driving.scene import Scene
 from drl_av.road.road import LANE_CHANGE_DUE_M
 from drl_av.road.snapshot import EGO
 from oracles.affordances import has_lane
 from oracles.paper import closing_speed, gap_condition, safe_action, time_to_collision
+from oracles.plan import idm_acceleration, time_gap_acceleration
 
 
 def idm_action(affordances: Affordances, config: SafetyConfig) -> Longitudinal:
@@ -54,10 +54,12 @@ MANDATORY_BIAS_M_S2 = 4.0
 
 
 class MobilDriver(Driver):
-    """The driver ``idm-mobil``: follows the paper's IDM in its lane, and changes lanes by MOBIL."""
+    """The drivers ``idm-mobil`` and, with a time gap ``headway_s`` above 0, ``gap-mobil``."""
 
-    def __init__(self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig) -> None:
-        self._safety, self._ego, self._mobil = safety, ego, mobil
+    def __init__(
+        self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig, headway_s: float = 0.0
+    ) -> None:
+        self._safety, self._ego, self._mobil, self._headway_s = safety, ego, mobil, headway_s
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the IDM's longitudinal action, with a lane change if MOBIL demands one.
@@ -68,18 +70,25 @@ class MobilDriver(Driver):
         longitudinal = self.longitudinal(scene.affordances)
         if scene.lane_change is not None:
             return Action(Lateral.KEEP, longitudinal)
-        gains = {
-            sign: self.gain(scene, sign) + sign * self.bias(scene.affordances)
-            for sign in (1, -1)
-            if has_lane(scene.affordances, sign)
-        }
+        bias, sides = self.bias(scene.affordances), (1, -1)
+        open_sides = [sign for sign in sides if has_lane(scene.affordances, sign)]
+        gains = {sign: self.gain(scene, sign) + sign * bias for sign in open_sides}
         sign = max(gains, key=lambda side: gains[side], default=0)
         is_beneficial = sign != 0 and gains[sign] > self._mobil.threshold_m_s2
         return Action(toward(sign) if is_beneficial else Lateral.KEEP, longitudinal)
 
     def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """Return the longitudinal action, in this class that of the paper's IDM."""
-        return idm_action(affordances, self._safety)
+        """Return the action of the paper's IDM, or the one that is nearest to the time-gap law.
+
+        With the law, the action is to accelerate if no vehicle ahead is in range.
+        """
+        speed, front, headway_s = affordances.ego_speed_m_s, affordances.own_front, self._headway_s
+        if not headway_s:
+            return idm_action(affordances, self._safety)
+        if front is None:
+            return Longitudinal.ACCELERATE
+        gap = front.gap_m, closing_speed(front)
+        return nearest_action(time_gap_acceleration(speed, *gap, headway_s, self._ego), self._ego)
 
     def bias(self, affordances: Affordances) -> float:
         """Return MOBIL's bias towards mandatory lane changes, m/s^2, left positive (ours).
@@ -100,22 +109,15 @@ class MobilDriver(Driver):
         a' an acceleration after the lane change, a one before it, and p the politeness. The gain is
         -inf if n would brake harder than the safety criterion permits.
         """
-        affordances, length_m = scene.affordances, float(scene.snapshot.length_m[EGO])
-        new_follower = self._behind(affordances, affordances.rear(sign))
+        seen, length_m = scene.affordances, float(scene.snapshot.length_m[EGO])
+        front, rear = seen.front(sign), seen.rear(sign)
+        new_follower = self._behind(seen, rear)
         if new_follower < -self._mobil.safe_braking_m_s2:
             return -math.inf
-        own = self._ahead(affordances, affordances.front(sign)) - self._ahead(
-            affordances, affordances.own_front
-        )
-        others = (
-            new_follower
-            - self._without_ego(
-                affordances, affordances.rear(sign), affordances.front(sign), length_m
-            )
-            + self._without_ego(affordances, affordances.own_rear, affordances.own_front, length_m)
-            - self._behind(affordances, affordances.own_rear)
-        )
-        return own + self._mobil.politeness * others
+        own = self._ahead(seen, front) - self._ahead(seen, seen.own_front)
+        freed = self._without_ego(seen, seen.own_rear, seen.own_front, length_m)
+        others = new_follower - self._without_ego(seen, rear, front, length_m) + freed
+        return own + self._mobil.politeness * (others - self._behind(seen, seen.own_rear))
 
     def _idm(self, speed_m_s: float, gap_m: float, closing_m_s: float) -> float:
         desired = self._ego.max_speed_m_s
@@ -135,49 +137,13 @@ class MobilDriver(Driver):
         return self._idm(speed, rear.gap_m, rear.relative_speed_m_s)
 
     def _without_ego(
-        self,
-        affordances: Affordances,
-        rear: Neighbor | None,
-        front: Neighbor | None,
-        length_m: float,
+        self, seen: Affordances, rear: Neighbor | None, front: Neighbor | None, length_m: float
     ) -> float:
         """Return the IDM acceleration of ``rear`` behind ``front`` without the ego, m/s^2."""
         if rear is None:
             return 0.0
-        speed = affordances.ego_speed_m_s + rear.relative_speed_m_s
+        speed = seen.ego_speed_m_s + rear.relative_speed_m_s
         if front is None:
             return self._idm(speed, math.inf, 0.0)
         gap_m = rear.gap_m + length_m + front.gap_m
         return self._idm(speed, gap_m, rear.relative_speed_m_s - front.relative_speed_m_s)
-
-
-class GapMobilDriver(MobilDriver):
-    """Keeps a constant time gap of ``headway_s`` to the vehicle ahead, and changes lanes by MOBIL.
-
-    The driver is deterministic. No parameter is tuned to any traffic: the standstill gap and the
-    gain of the time-gap law are those of the adaptive cruise control
-    (``ego.longitudinal_reference`` = ``acc``).
-    """
-
-    def __init__(
-        self, safety: SafetyConfig, ego: EgoConfig, mobil: MobilConfig, headway_s: float
-    ) -> None:
-        super().__init__(safety, ego, mobil)
-        self._headway_s = headway_s
-
-    def longitudinal(self, affordances: Affordances) -> Longitudinal:
-        """Return the action whose acceleration is nearest to that of the time-gap law.
-
-        If no vehicle ahead is in range, the action is to accelerate.
-        """
-        front = affordances.own_front
-        if front is None:
-            return Longitudinal.ACCELERATE
-        wanted = time_gap_acceleration(
-            affordances.ego_speed_m_s,
-            front.gap_m,
-            -front.relative_speed_m_s,
-            self._headway_s,
-            self._ego,
-        )
-        return nearest_action(wanted, self._ego)

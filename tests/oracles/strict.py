@@ -17,7 +17,7 @@ from drl_av.safety.reachability import reach, stopping_distance, travel
 from oracles.affordances import has_lane
 from oracles.plan import next_lane_change
 
-Number = Any
+Flags = npt.NDArray[np.bool_]
 LINE_M = 0.01
 """A body overlaps a lane if it is at least this far over the marking of that lane."""
 STILL_M_S = 0.01
@@ -56,7 +56,7 @@ def lateral_extent(
 
 def must_stay_behind(
     y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
-) -> npt.NDArray[np.bool_]:
+) -> Flags:
     """Whether a vehicle, if it is behind the ego, must stay behind it by bound 4 of ``strict``.
 
     It must if the bodies overlap laterally, and the ego's body overlaps each lane that the
@@ -65,8 +65,7 @@ def must_stay_behind(
     lowest, highest = lanes_under(y_m, width_m, lane_width_m)
     ego_lowest, ego_highest = lanes_under(ego_y_m, ego_width_m, lane_width_m)
     in_the_way = np.abs(y_m - ego_y_m) < (width_m + ego_width_m) / 2
-    held: npt.NDArray[np.bool_] = in_the_way & (ego_lowest <= lowest) & (highest <= ego_highest)
-    return held
+    return in_the_way & (ego_lowest <= lowest) & (highest <= ego_highest)
 
 
 class Others(NamedTuple):
@@ -77,14 +76,14 @@ class Others(NamedTuple):
     """The check assumes that each vehicle's body stays between ``right_m`` and ``left_m``."""
     gap_m: FloatArray
     """Net gap to the ego along the road; 0 or less for a vehicle beside the ego."""
-    is_ahead: npt.NDArray[np.bool_]
+    is_ahead: Flags
     speed_m_s: FloatArray
     stop_within_m: FloatArray
     """Distance within which the ego must stop in order to stay behind the vehicle, metres.
 
     It is inf for a vehicle behind, and -inf for a vehicle beside the ego whose centre is ahead.
     """
-    must_stay_behind: npt.NDArray[np.bool_]
+    must_stay_behind: Flags
     """Whether the vehicle, if it is behind the ego, must stay behind it (bound 4 of ``strict``)."""
 
 
@@ -101,11 +100,7 @@ def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: floa
 
 
 def stopping_limit(
-    gap_m: FloatArray,
-    is_ahead: npt.NDArray[np.bool_],
-    speed_m_s: FloatArray,
-    strict: StrictConfig,
-    step_s: float,
+    gap_m: FloatArray, is_ahead: Flags, speed_m_s: FloatArray, strict: StrictConfig, step_s: float
 ) -> FloatArray:
     """Return ``Others.stop_within_m``: the distance within which the ego must stop, metres.
 
@@ -113,14 +108,12 @@ def stopping_limit(
     """
     rest_m = stopping_distance(speed_m_s, strict.braking_m_s2, step_s)
     rest_m = np.where(gap_m > 0, gap_m + rest_m - strict.clearance_m, -np.inf)
-    result: FloatArray = np.where(is_ahead, rest_m, np.inf)
-    return result
+    return np.where(is_ahead, rest_m, np.inf)
 
 
-def overlaps_laterally(neighbors: Others, right_m: Any, left_m: Any) -> npt.NDArray[np.bool_]:
+def overlaps_laterally(neighbors: Others, right_m: Any, left_m: Any) -> Flags:
     """Whether each vehicle's body can overlap the lateral range from ``right_m`` to ``left_m``."""
-    result: npt.NDArray[np.bool_] = (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
-    return result
+    return (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
 
 
 def required_travel(
@@ -137,12 +130,9 @@ def required_travel(
     faster = speed + strict.acceleration_m_s2 * delay_s
     rolled_m = accelerated(speed, delay_s, strict, step_s)
     rolled_m = rolled_m + stopping_distance(faster, strict.follower_braking_m_s2, step_s)
-    result: FloatArray = np.where(
-        neighbors.gap_m <= 0,
-        np.inf,
-        np.where(neighbors.is_ahead, -np.inf, rolled_m - neighbors.gap_m + strict.clearance_m),
-    )
-    return result
+    behind_m = rolled_m - neighbors.gap_m + strict.clearance_m
+    required_m = np.where(neighbors.is_ahead, -np.inf, behind_m)
+    return np.where(neighbors.gap_m <= 0, np.inf, required_m)
 
 
 def stays_behind(
@@ -151,7 +141,7 @@ def stays_behind(
     covered_m: Sequence[FloatArray | float],
     strict: StrictConfig,
     step_s: float,
-) -> npt.NDArray[np.bool_]:
+) -> Flags:
     """Whether each vehicle behind stays behind an ego that moves into its lane.
 
     Args:
@@ -167,7 +157,7 @@ def stays_behind(
         One flag for each vehicle: True for a vehicle ahead, False for a vehicle beside the ego.
     """
     must_m = required_travel(neighbors, strict.follower_response_s + crosses_s, strict, step_s)
-    result: npt.NDArray[np.bool_] = covered_m[-1] > must_m
+    result = covered_m[-1] > must_m
     for step, ego_m in enumerate(covered_m[:-1], 1):
         rolled_m = accelerated(neighbors.speed_m_s, step * step_s, strict, step_s)
         apart = neighbors.is_ahead | (neighbors.gap_m + ego_m > rolled_m)
@@ -186,32 +176,23 @@ def accelerated(
 
 
 def covered(
-    speed_m_s: Number, acceleration_m_s2: Number, ego: EgoConfig, sim: SimulationConfig
-) -> list[Number]:
+    speed_m_s: float, acceleration_m_s2: float, ego: EgoConfig, sim: SimulationConfig
+) -> list[Any]:
     """Return the distance that the ego has covered after each SUMO step of a decision, metres.
 
     The acceleration is constant, but the speed stays within [0, max_speed_m_s].
     """
-    most, step_s = ego.max_speed_m_s, sim.step_length_s
-    return [
-        travel(speed_m_s, acceleration_m_s2, steps, step_s, most)[0]
-        for steps in range(1, sim.steps_per_decision + 1)
-    ]
+    limits, counts = (sim.step_length_s, ego.max_speed_m_s), range(1, sim.steps_per_decision + 1)
+    return [travel(speed_m_s, acceleration_m_s2, steps, *limits)[0] for steps in counts]
 
 
-ORDER = (
-    Longitudinal.ACCELERATE,
-    Longitudinal.MAINTAIN,
-    Longitudinal.BRAKE,
-    Longitudinal.HARD_BRAKE,
-)
+ACCELERATE, MAINTAIN = Longitudinal.ACCELERATE, Longitudinal.MAINTAIN
+ORDER = (ACCELERATE, MAINTAIN, Longitudinal.BRAKE, Longitudinal.HARD_BRAKE)
 ROUNDING = 1e-6
 """Largest rounding error of a computed number of SUMO steps."""
 
 
-def seconds_to_line(
-    distance_m: Any, lane_width_m: float, ego: EgoConfig, sim: SimulationConfig
-) -> Any:
+def seconds_to_line(distance_m: Any, width_m: float, ego: EgoConfig, sim: SimulationConfig) -> Any:
     """Return the time, seconds, until the ego's body is over a line (a lane marking) beside it.
 
     ``distance_m`` is the distance from the nearer side of the body to the line, a number or an
@@ -220,7 +201,7 @@ def seconds_to_line(
     change. The time is rounded up to whole SUMO steps. It is 0 if the body is already over the
     line, and also if it does not get there within this decision.
     """
-    stride_m = lane_width_m / ego.lane_change_duration_s * sim.step_length_s
+    stride_m = width_m / ego.lane_change_duration_s * sim.step_length_s
     steps = (distance_m + LINE_M) / stride_m
     soon = (steps > -ROUNDING) & (np.ceil(steps - ROUNDING) <= sim.steps_per_decision)
     return np.where(soon, np.ceil(steps + ROUNDING), 0) * sim.step_length_s
@@ -257,11 +238,8 @@ def lanes_about(y_m: float, lane_width_m: float) -> tuple[int, int]:
 def fallback_maneuver(scene: Scene) -> LaneChange | None:
     """Return the lane change of the fallback maneuver, or None if no lane change is in progress."""
     change = scene.lane_change
-    return (
-        change.reversed()
-        if change is not None and change.target != scene.affordances.lane
-        else change
-    )
+    goes_back = change is not None and change.target != scene.affordances.lane
+    return change.reversed() if goes_back else change
 
 
 class Strict:
@@ -298,11 +276,6 @@ class Strict:
         lateral = Lateral.KEEP if fallback is None else toward(fallback.sign)
         return Verdict(Action(lateral, safe), rule)
 
-    def _slowest(self, how: Longitudinal) -> Longitudinal:
-        """Return ``how``, or hard brake with IDM or ACC, which may brake so hard at any time."""
-        by_number = self._ego.longitudinal_reference == "acceleration"
-        return how if by_number else Longitudinal.HARD_BRAKE
-
     def others(self, scene: Scene) -> Others:
         """Return the other vehicles of a scene as the check needs them.
 
@@ -310,18 +283,15 @@ class Strict:
         such as the end of a lane, is a standing vehicle of length 0.
         """
         shot, affordances = scene.snapshot, scene.affordances
+        lane_m, ego_m = affordances.lane_width_m, float(shot.width_m[EGO])
         ahead_m, rows = shot.s_m[1:] - shot.s_m[EGO], np.arange(1, len(shot.ids))
         if lap_m := affordances.circumference_m:
             ahead_m = np.concatenate((ahead_m % lap_m, ahead_m % lap_m - lap_m))
             rows = np.concatenate((rows, rows))
         y_m, width_m = shot.y_m[rows], shot.width_m[rows]
         gap_m = np.abs(ahead_m) - (shot.length_m[rows] + shot.length_m[EGO]) / 2
-        ends_m = lateral_extent(
-            y_m, shot.lateral_speed_m_s[rows], width_m, affordances.lane_width_m
-        )
-        held = must_stay_behind(
-            y_m, width_m, affordances.ego_y_m, float(shot.width_m[EGO]), affordances.lane_width_m
-        )
+        ends_m = lateral_extent(y_m, shot.lateral_speed_m_s[rows], width_m, lane_m)
+        held = must_stay_behind(y_m, width_m, affordances.ego_y_m, ego_m, lane_m)
         facts = gap_m, ahead_m >= 0, shot.speed_m_s[rows]
         may_m = stopping_limit(*facts, self._strict, self._simulation.step_length_s)
         others = Others(*ends_m, *facts, may_m, held)
@@ -337,31 +307,24 @@ class Strict:
     def _may_reach(self, scene: Scene, fallback: LaneChange | None, neighbors: Others) -> float:
         """Return the distance, metres, within which the fallback maneuver must stop the ego."""
         ends_m = corridor(scene, fallback, self._ego, self._simulation.decision_interval_s)
-        return float(
-            neighbors.stop_within_m[overlaps_laterally(neighbors, *ends_m)].min(initial=np.inf)
-        )
+        meets = overlaps_laterally(neighbors, *ends_m)
+        return float(neighbors.stop_within_m[meets].min(initial=np.inf))
 
     def _permits(
-        self,
-        scene: Scene,
-        change: LaneChange,
-        neighbors: Others,
-        how: Longitudinal,
-        reaches_m: list[float],
+        self, scene: Scene, change: LaneChange, neighbors: Others, how: int, reaches_m: list[float]
     ) -> bool:
         """Whether the check permits a lane change other than that of the fallback maneuver."""
         strict, sim = self._strict, self._simulation
         right_m, left_m = corridor(scene, change, self._ego, sim.decision_interval_s)
         aside_m = strict.lateral_speed_m_s * sim.decision_interval_s
-        right_m, left_m = (
-            (right_m, left_m + aside_m) if change.sign > 0 else (right_m - aside_m, left_m)
-        )
-        meets = overlaps_laterally(neighbors, right_m, left_m)
+        ends_m = (right_m, left_m + aside_m) if change.sign > 0 else (right_m - aside_m, left_m)
+        meets = overlaps_laterally(neighbors, *ends_m)
         if not meets.any():
             return True
         if reaches_m[how] >= neighbors.stop_within_m[meets].min():
             return False
-        slowest = self._slowest(how)
+        by_number = self._ego.longitudinal_reference == "acceleration"
+        slowest = how if by_number else Longitudinal.HARD_BRAKE  # IDM, ACC: at any time
         speed, acceleration = scene.affordances.ego_speed_m_s, self._accelerations[slowest]
         covered_m = [*covered(speed, acceleration, self._ego, sim), reaches_m[slowest]]
         crosses_s = self._crosses_s(scene, change)
