@@ -15,6 +15,8 @@ from drl_av.config import Config
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import save_policy
 
+Capsys = pytest.CaptureFixture[str]
+"""What a test has printed: the fixture ``capsys``."""
 SHORT = Config().updated("simulation", decisions_per_episode=10)
 TINY = (
     Config()
@@ -97,12 +99,12 @@ def one_sentence(text: str) -> str:
     return text
 
 
-def error_message(capsys: pytest.CaptureFixture[str]) -> str:
+def error_message(capsys: Capsys) -> str:
     """The one sentence on stderr."""
     return one_sentence(capsys.readouterr().err)
 
 
-def refused_scenario(capsys: pytest.CaptureFixture[str], folder: Path, *words: str) -> str:
+def refused_scenario(capsys: Capsys, folder: Path, *words: str) -> str:
     """The sentence with which ``drl-av scenario`` refuses to write ``folder/new``."""
     assert main(["scenario", str(folder / "new"), *words]) == 1
     assert not (folder / "new").exists()

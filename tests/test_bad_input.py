@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from runs import error_message
+from runs import Capsys, error_message
 
 from drl_av.cli import main
 from drl_av.config import from_toml, load_config
@@ -75,9 +75,7 @@ def test_a_config_file_of_another_encoding_has_a_remedy_that_helps(tmp_path: Pat
 
 
 @pytest.mark.parametrize("words", ["evaluate a\nb", "train --out new --config a\nb"])
-def test_a_name_of_two_lines_is_refused_in_one(
-    words: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_name_of_two_lines_is_refused_in_one(words: str, here: Path, capsys: Capsys) -> None:
     assert main(words.split(" ")) == 1
     error_message(capsys)
 
@@ -184,7 +182,7 @@ class Bomb:
 
 
 def test_no_file_runs_code_when_it_is_loaded(
-    env: HighwayEnv, runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    env: HighwayEnv, runs: list[Path], tmp_path: Path, capsys: Capsys
 ) -> None:
     mark = tmp_path / "exploded"
     pickle.loads(pickle.dumps(Bomb(mark)))
@@ -210,7 +208,7 @@ def test_no_file_runs_code_when_it_is_loaded(
 
 
 def test_a_policy_of_another_run_is_not_taken_for_this_run_s(
-    runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    runs: list[Path], tmp_path: Path, capsys: Capsys
 ) -> None:
     mixed = Path(shutil.copytree(runs[0], tmp_path / "mixed"))
     shutil.copy(runs[1] / "policy.safetensors", mixed)

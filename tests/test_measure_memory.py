@@ -5,6 +5,7 @@ import sys
 
 import pytest
 from programs import python
+from runs import Capsys
 from shown import ROOT
 
 from tools import measure_memory
@@ -25,7 +26,7 @@ def test_three_environments_of_a_process_keep_their_memory_over_resets() -> None
 
 
 def test_memory_that_grows_by_a_twentieth_is_a_failure(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     held = iter(100_000_000 + 500_000 * n for n in range(11))  # 100 to 105 MB
     monkeypatch.setattr(measure_memory, "resident_bytes", lambda: next(held))

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
+from runs import Capsys
 from shown import ROOT
 
 from tools import tune_rl_zoo3
@@ -14,7 +15,7 @@ from tools.tune_rl_zoo3 import BY_HAND, RANGES, Rating, draw
 
 
 def test_the_best_trials_are_trained_again_beside_the_values_by_hand_and_the_defaults(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     trials = [BY_HAND | drawn for drawn in draw(3)]
     rewards = [-0.2, -0.4, -0.1]

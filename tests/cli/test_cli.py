@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from programs import python
-from runs import error_message
+from runs import Capsys, error_message
 
 from drl_av import cli
 from drl_av.cli import console, main, tables
@@ -47,7 +47,7 @@ def settings(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_help_tells_units_and_defaults(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_tells_units_and_defaults(verb: str, capsys: Capsys) -> None:
     with pytest.raises(SystemExit, match=r"^0$"):
         main([verb, "--help"])
     text = " ".join(capsys.readouterr().out.split())
@@ -57,7 +57,7 @@ def test_help_tells_units_and_defaults(verb: str, capsys: pytest.CaptureFixture[
     assert "default: []" not in text
 
 
-def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_names_every_verb(capsys: Capsys) -> None:
     with pytest.raises(SystemExit, match=r"^0$"):
         main(["--help"])
     assert re.findall(r"^    (\w+) ", capsys.readouterr().out, re.MULTILINE) == list(VERBS)
@@ -82,7 +82,7 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
         ["replay", "--gui", "--video", "drive.mp4"],
     ],
 )
-def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_usage_exits_with_2(words: list[str], capsys: Capsys) -> None:
     with pytest.raises(SystemExit, match=r"^2$"):
         main(words)
     text = capsys.readouterr().err
@@ -133,7 +133,7 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: pytest.CaptureFixture[
     ],
 )
 def test_bad_input_is_reported_in_one_sentence(
-    words: list[str], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], sentence: str, here: Path, capsys: Capsys
 ) -> None:
     assert main(words) == 1
     assert re.search(sentence, error_message(capsys))
@@ -151,7 +151,7 @@ def test_bad_input_is_reported_in_one_sentence(
 )
 @pytest.mark.parametrize("verb", ["train --out run", "evaluate idm", "replay --driver idm"])
 def test_bad_settings_are_reported_with_the_file_and_a_remedy(
-    verb: str, text: str, sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+    verb: str, text: str, sentence: str, here: Path, capsys: Capsys
 ) -> None:
     (here / "mine.toml").write_text(text)
     assert main([*verb.split(), "--config", "mine.toml"]) == 1
@@ -161,7 +161,7 @@ def test_bad_settings_are_reported_with_the_file_and_a_remedy(
     assert not (here / "run").exists()
 
 
-def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_place_that_is_a_file_is_no_run(settings: Path, capsys: Capsys) -> None:
     assert main(["train", "--out", str(settings)]) == 1
     assert "settings.toml is a file: choose a folder with --out" in error_message(capsys)
     assert main(["train", "--out", str(settings / "run"), "--config", str(settings)]) == 1
@@ -170,7 +170,7 @@ def test_place_that_is_a_file_is_no_run(settings: Path, capsys: pytest.CaptureFi
 
 
 def test_missing_shipped_driver_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setitem(policy_file.SHIPPED, "pretrained", tmp_path / "pretrained")
     for words in (["evaluate"], ["replay", "--video", str(tmp_path / "drive.gif")]):
@@ -196,7 +196,7 @@ def test_full_disk_is_reported_and_the_table_of_before_is_kept(
     settings: Path,
     tmp_path: Path,
     request: pytest.FixtureRequest,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     out = tmp_path / "rows.csv"
     words = ["evaluate", "idm", "--vehicles", "3", "--config", str(settings), "--out", str(out)]
@@ -239,7 +239,7 @@ def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(
     assert '"ci95_half_width"' in (tmp_path / "summary.json").read_text()
 
 
-def test_long_names_fold_and_checks_are_distinguished(capsys: pytest.CaptureFixture[str]) -> None:
+def test_long_names_fold_and_checks_are_distinguished(capsys: Capsys) -> None:
     mean = Mean(123.456, 10.0)
     long = "runs/" + "x" * 60 + "/end"
     summary = Summary(long, "paper", 30, "sumo", 50, mean, mean, 50, 50, mean, mean)
@@ -280,7 +280,7 @@ def test_output_that_cannot_be_written_is_no_complaint_of_python(
 
 
 def test_without_a_terminal_the_progress_is_a_line_a_minute(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     times_s = [1000.0]
     monkeypatch.setattr(console.time, "monotonic", lambda: times_s[-1])
@@ -315,7 +315,7 @@ def test_a_terminal_without_the_character_shows_its_number(settings: Path) -> No
     ],
 )
 def test_a_file_that_a_command_reads_is_not_written_over(
-    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], tmp_path: Path, capsys: Capsys
 ) -> None:
     source, link = tmp_path / "mine.toml", tmp_path / "link.toml"
     source.write_text("[traffic]\nvehicles_max = 3\n")
@@ -326,7 +326,7 @@ def test_a_file_that_a_command_reads_is_not_written_over(
 
 
 def test_the_command_that_opens_a_scenario_is_quoted_for_the_shell(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     folder = tmp_path / "my 'road; x"
     assert main(["scenario", str(folder)]) == 0
@@ -334,9 +334,7 @@ def test_the_command_that_opens_a_scenario_is_quoted_for_the_shell(
     assert shlex.split(command) == ["sumo-gui", "-c", str(folder / "highway.sumocfg")]
 
 
-def test_several_config_files_are_laid_over_each_other(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_config_files_are_laid_over_each_other(tmp_path: Path, capsys: Capsys) -> None:
     (tmp_path / "a.toml").write_text("[traffic]\nvehicles_max = 20\nvehicles_min = 2\n")
     (tmp_path / "b.toml").write_text("[traffic]\nvehicles_max = 9\n")
     configs = ["--config", str(tmp_path / "a.toml"), "--config", str(tmp_path / "b.toml")]
@@ -350,12 +348,12 @@ def test_several_config_files_are_laid_over_each_other(
         assert (settings["vehicles_min"], settings["vehicles_max"]) == (2, 9)
 
 
-def test_the_command_alone_prints_its_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_alone_prints_its_help(capsys: Capsys) -> None:
     assert main([]) == 0
     assert "write a scenario folder" in capsys.readouterr().out
 
 
-def test_a_verb_that_is_misspelt_is_corrected(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_verb_that_is_misspelt_is_corrected(capsys: Capsys) -> None:
     with pytest.raises(SystemExit):
         main(["evalaute", "idm"])
     assert "no verb 'evalaute' (did you mean 'evaluate'?); the verbs are: scen" in (
@@ -364,7 +362,7 @@ def test_a_verb_that_is_misspelt_is_corrected(capsys: pytest.CaptureFixture[str]
 
 
 def test_a_setting_of_the_command_line_is_one_of_a_file(
-    settings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    settings: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     (tmp_path / "a.toml").write_text("[traffic]\nvehicles_max = 20\nvehicles_min = 2\n")
     words = ["config", "traffic", "-o", "traffic.vehicles_max=30"]
@@ -396,7 +394,7 @@ def test_a_setting_of_the_command_line_is_one_of_a_file(
 )
 @pytest.mark.parametrize("verb", ["train --out run", "evaluate idm", "replay --html x.html"])
 def test_a_wrong_setting_of_the_command_line_is_one_sentence(
-    verb: str, word: str, sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+    verb: str, word: str, sentence: str, here: Path, capsys: Capsys
 ) -> None:
     assert main([*verb.split(), "-o", word]) == 1
     assert sentence in error_message(capsys)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from runs import Capsys
 
 from drl_av import cli
 from drl_av.cli import VERBS, main
@@ -31,7 +32,7 @@ WRITING = {
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_sigterm_ends_each_verb_as_ctrl_c_does(
-    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     def works(options: argparse.Namespace) -> int:
         signal.raise_signal(signal.SIGTERM)

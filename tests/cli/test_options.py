@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from runs import Capsys
 
 from drl_av.cli import main
 from drl_av.cli.options import SETTINGS_OF_OPTIONS
@@ -13,7 +14,7 @@ VALUES = {"traffic": "calm", "world": "sumo", "safety_check": "strict", "scenari
 
 
 @pytest.mark.parametrize("option", VALUES)
-def test_a_setting_is_not_given_twice(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_setting_is_not_given_twice(option: str, capsys: Capsys) -> None:
     setting, flag = SETTINGS_OF_OPTIONS[option], f"--{option.replace('_', '-')}"
     words = ["evaluate", "idm", "--episodes", "1", flag, VALUES[option]]
     assert main([*words, "-o", f"{setting}={VALUES[option]}"]) == 1
@@ -31,9 +32,7 @@ def test_a_setting_is_not_given_twice(option: str, capsys: pytest.CaptureFixture
         (["replay", "idm", "--decisions", "5"], "simulation.decisions_per_episode=3"),
     ],
 )
-def test_nor_is_one_of_a_verb(
-    words: list[str], setting: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nor_is_one_of_a_verb(words: list[str], setting: str, here: Path, capsys: Capsys) -> None:
     out = [] if words[0] == "replay" else ["--out", "run"]
     assert main([*words, *out, "-o", setting]) == 1
     said = rf"{words[-2]} and -o {setting.partition('=')[0]} are the same setting"
@@ -60,7 +59,7 @@ def test_a_scenario_is_the_same_however_its_path_is_written(
 
 
 def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_passed_over_in_silence(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: Capsys
 ) -> None:
     assert main(["scenario", "merge", "--kind", "merge", "--flow-per-h", "100"]) == 0
     short = ["replay", "idm", "--decisions", "1", "--record"]
@@ -74,9 +73,7 @@ def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_passed_over_in_sile
     assert "write ./merge" not in capsys.readouterr().err
 
 
-def test_a_file_of_a_scenario_is_not_taken_for_a_network(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_of_a_scenario_is_not_taken_for_a_network(here: Path, capsys: Capsys) -> None:
     assert main(["scenario", "mine"]) == 0
     assert main(["evaluate", "idm", "--scenario", "mine/highway.net.xml"]) == 1
     assert f"name its folder, {here / 'mine'}" in capsys.readouterr().err

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from runs import TINY, error_message, files_of
+from runs import TINY, Capsys, error_message, files_of
 
 from drl_av.cli import main
 from drl_av.cli.console import INTERRUPTED
@@ -29,15 +29,13 @@ def test_the_words_of_seeds() -> None:
 
 
 @pytest.mark.parametrize("words", ["", "3-1", "a", "1-", "-1", "1,,2", "0-999999999"])
-def test_wrong_seeds_are_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_seeds_are_refused(words: str, capsys: Capsys) -> None:
     with pytest.raises(SystemExit):
         main(["train", "--out", "run", "--seeds", words])
     assert "--seeds" in capsys.readouterr().err
 
 
-def test_each_run_has_the_bytes_of_the_same_run_alone(
-    settings: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_run_has_the_bytes_of_the_same_run_alone(settings: str, capsys: Capsys) -> None:
     words = ["train", "--config", settings]
     assert main([*words, "--out", "many", "--seeds", "3,4", "--jobs", "2"]) == 0
     assert "drl-av evaluate 'many=many/seed-*' gap-mobil" in capsys.readouterr().out
@@ -88,9 +86,7 @@ def test_a_stopped_run_continues_to_the_same_bytes(settings: str) -> None:
     assert files_of(Path("b")) == files_of(Path("a"))
 
 
-def test_a_training_at_scale_that_was_stopped_is_named(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_training_at_scale_that_was_stopped_is_named(here: Path, capsys: Capsys) -> None:
     config = preset("large").updated("ppo", decisions=3, batch_size=1)
     config = config.updated("learning", seed=1)
     folder = Path("runs/seed-1")
@@ -110,7 +106,7 @@ def test_a_training_at_scale_that_was_stopped_is_named(
 
 
 def test_a_stop_prints_the_command_that_goes_on_with_the_same_settings(
-    settings: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    settings: str, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     def stop(*arguments: object) -> Iterator[object]:
         raise KeyboardInterrupt
@@ -146,7 +142,7 @@ def test_a_stop_prints_the_command_that_goes_on_with_the_same_settings(
     ("out", "word"), [("idm", "./idm"), ("./-x", "./-x"), ("runs/planner", "runs/planner")]
 )
 def test_the_printed_word_finds_the_run_and_no_other_driver(
-    settings: str, capsys: pytest.CaptureFixture[str], out: str, word: str
+    settings: str, capsys: Capsys, out: str, word: str
 ) -> None:
     assert main(["train", "--config", settings, "--out", out]) == 0
     assert f"drl-av evaluate {word} idm\n" in capsys.readouterr().out

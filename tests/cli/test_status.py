@@ -4,6 +4,7 @@ import sys
 from functools import partial
 
 import pytest
+from runs import Capsys
 
 from drl_av.cli.console import exit_status
 
@@ -22,7 +23,7 @@ def compile_it(fails: bool) -> int:
     return 0
 
 
-def test_an_interrupt_that_a_library_swallows_is_one(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupt_that_a_library_swallows_is_one(capsys: Capsys) -> None:
     hook = sys.unraisablehook
     for fails in (True, False):
         assert exit_status("drl-av", partial(compile_it, fails)) == 130

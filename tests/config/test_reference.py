@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from programs import python
+from runs import Capsys
 
 from drl_av.cli import main
 from drl_av.config import Config, from_toml
@@ -93,7 +94,7 @@ def test_a_changed_setting_also_names_its_default() -> None:
 
 
 def test_the_verb_prints_one_section_of_a_preset_under_a_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     (tmp_path / "mine.toml").write_text("[learning]\nseed = 7\n")
     mine = str(tmp_path / "mine.toml")

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import NormalizeObservation, RescaleObservation
 from programs import python
-from runs import error_message
+from runs import Capsys, error_message
 from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 from worlds import ALONE
@@ -128,7 +128,7 @@ def test_who_loads_classes_of_the_file_is_warned_before(saved: Path, tmp_path: P
     ],
 )
 def test_no_verb_unpickles_what_it_refuses(
-    words: str, saved: Path, here: Path, capsys: pytest.CaptureFixture[str]
+    words: str, saved: Path, here: Path, capsys: Capsys
 ) -> None:
     mark = here / "exploded"
     path = rigged(saved, mark)
@@ -139,7 +139,7 @@ def test_no_verb_unpickles_what_it_refuses(
 
 
 @pytest.mark.parametrize("verb", ["evaluate", "replay"])
-def test_the_help_says_what_a_zip_can_do(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_says_what_a_zip_can_do(verb: str, capsys: Capsys) -> None:
     with pytest.raises(SystemExit):
         main([verb, "--help"])
     assert "runs no code in them, except for" in " ".join(capsys.readouterr().out.split())

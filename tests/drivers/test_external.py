@@ -12,6 +12,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 from programs import python
+from runs import Capsys
 from stable_baselines3 import DQN, PPO
 from worlds import ALONE
 
@@ -75,9 +76,7 @@ def test_it_stands_in_the_table_beside_the_others_in_several_processes(module: s
     assert [row["driver"] for row in rows] == ["idm", f"{module}:careful"]
 
 
-def test_replay_takes_each_form_of_driver_that_its_help_names(
-    module: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_replay_takes_each_form_of_driver_that_its_help_names(module: str, capsys: Capsys) -> None:
     with HighwayEnv() as env:
         DQN("MlpPolicy", env, buffer_size=10, device="cpu").save("agent.zip")
     network(Path("own.onnx"), 27)
@@ -108,7 +107,7 @@ def test_a_folder_or_pipe_in_place_of_a_file_is_one_sentence_and_not_waited_for(
 @pytest.mark.parametrize("name", ["absent.zip", "absent.onnx", "absent.safetensors", "absent.npz"])
 @pytest.mark.parametrize("words", [["evaluate", "--driver"], ["replay"], ["evaluate"]])
 def test_a_file_that_is_not_there_is_said_to_be_missing(
-    name: str, words: list[str], capsys: pytest.CaptureFixture[str]
+    name: str, words: list[str], capsys: Capsys
 ) -> None:
     assert main([*words, f"nowhere/{name}"]) == 1
     found = capsys.readouterr().err
@@ -117,7 +116,7 @@ def test_a_file_that_is_not_there_is_said_to_be_missing(
 
 @pytest.mark.parametrize("verb", ["evaluate", "replay"])
 def test_a_file_that_is_no_driver_is_refused_with_what_it_is(
-    verb: str, here: Path, capsys: pytest.CaptureFixture[str]
+    verb: str, here: Path, capsys: Capsys
 ) -> None:
     Path("mine.toml").write_text("[traffic]\nvehicles_max = 5\n", encoding="utf-8")
     short = [] if verb == "evaluate" else ["--video", "drive.gif", "--decisions", "3"]

@@ -10,6 +10,7 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
+from runs import Capsys
 from worlds import LEFT, ahead, behind, scene
 
 import drl_av
@@ -199,7 +200,7 @@ def test_a_driver_of_another_range_and_a_damaged_file_are_refused(
 
 
 def test_a_folder_that_is_not_empty_is_left_alone_and_not_said_to_be_resumable(
-    run: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, capsys: Capsys
 ) -> None:
     with pytest.raises(RunError, match="exists already"):
         next(train_at_scale(run, SMALL))
@@ -268,7 +269,7 @@ def test_it_says_where_it_does_not_see_that_a_lane_ends(scenario: str, told: int
 
 
 def test_what_the_twin_lacks_is_not_trained_at_scale_and_the_way_out_is_another_preset(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     words = ["train", "--preset", "large", "--out", str(tmp_path / "run")]
     assert main([*words, "-o", "simulation.step_length_s=0.25"]) == 1
@@ -293,7 +294,7 @@ def test_what_the_twin_lacks_is_not_trained_at_scale_and_the_way_out_is_another_
     ],
 )
 def test_numbers_of_ppo_that_do_not_fit_each_other_are_refused_before_a_folder_is_made(
-    numbers: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    numbers: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     options = [word for number in numbers.split() for word in ("-o", f"ppo.{number}")]
     out = tmp_path / "run"
@@ -306,7 +307,7 @@ def test_numbers_of_ppo_that_do_not_fit_each_other_are_refused_before_a_folder_i
     ("preset", "setting"), [("large", "learning.batch_size=32"), ("paper", "ppo.decisions=100")]
 )
 def test_a_setting_that_the_other_training_has_is_not_ignored(
-    preset: str, setting: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    preset: str, setting: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     out = tmp_path / "run"
     assert main(["train", "--preset", preset, "--out", str(out), "-o", setting]) == 1

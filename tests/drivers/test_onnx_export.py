@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
+from runs import Capsys
 from worlds import ALONE, ROAD
 
 from drl_av.cli import main
@@ -87,7 +88,7 @@ def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: 
     assert from_toml(held["config"]) == load_learned(exported.parent)[1]
 
 
-def test_the_help_of_export_describes_them_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_of_export_describes_them_too(capsys: Capsys) -> None:
     with pytest.raises(SystemExit):
         main(["export", "--help"])
     shown = " ".join(capsys.readouterr().out.split())
@@ -115,7 +116,7 @@ def test_what_cannot_be_exported_is_named_with_what_can(
     word: str,
     message: str,
     here: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     for file in ("dqn.zip", "net.onnx", "drive.npz", "fast.toml"):
         Path(file).write_bytes(b"PK")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import SHORT, run_folder
+from runs import SHORT, Capsys, run_folder
 from worlds import ALONE
 
 import drl_av
@@ -28,7 +28,7 @@ KEEP, LEFT, BRAKE = 0, 8, 2
 
 
 def test_a_driver_of_another_program_is_one_line_away(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setitem(RULE_DRIVERS, "cautious", lambda config: PolicyDriver(lambda o: BRAKE))
     settings, out = tmp_path / "short.toml", tmp_path / "rows.csv"
@@ -95,7 +95,7 @@ def test_a_driver_drives_under_the_check_of_its_training(driver: str, check: str
 
 
 def test_where_strict_is_refused_the_shipped_driver_names_the_way_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     words = ["evaluate", "pretrained", "--vehicles", "3", "--episodes", "1", "--config"]
     for settings in ("ego]\nlateral_plant = 'steering'", "traffic]\nacceleration_max_m_s2 = 2.5"):
@@ -115,9 +115,7 @@ def test_config_is_that_of_the_first_run(tmp_path: Path) -> None:
     assert default_config(find_drivers(["idm"])) == Config()
 
 
-def test_a_run_drives_in_the_mirror_of_its_training_whatever_the_config_has(
-    tmp_path: Path,
-) -> None:
+def test_a_run_drives_in_the_mirror_of_its_training_whatever_the_config_has(tmp_path: Path) -> None:
     network = QNetwork(np.random.default_rng(0))
     network.flat[:] = 0
     network.flat[-12:] = -1.0

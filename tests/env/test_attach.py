@@ -208,9 +208,7 @@ def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(tmp_path: P
     assert not attached()[1].affordances.right_lane
 
 
-def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane(
-    net: Path,
-) -> None:
+def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane(net: Path) -> None:
     long = (
         '<vType id="long" length="18" maxSpeed="5" speedFactor="1"/><route id="away" edges="off"/>'
     )

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from drives import HARD_BRAKE, KEEP, LEFT, Place, hash_of, until_over
 from gymnasium.utils.env_checker import check_env
+from runs import Capsys
 
 import drl_av
 from drl_av.cli import main
@@ -241,9 +242,7 @@ def test_the_default_traffic_of_an_open_road_is_calm_and_is_written_so(tmp_path:
     assert load_config(run / "config.toml").traffic == calm
 
 
-def test_what_the_user_names_is_refused_and_not_replaced(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_the_user_names_is_refused_and_not_replaced(capsys: Capsys) -> None:
     refusal = r"set them to 0, or traffic\.kind to calm, the default there, overtaking"
     for traffic in ({"level_2_share": 0.1}, {"level_0_share": 0.3}, {"kind": "all"}):
         with pytest.raises(ConfigError, match=refusal):

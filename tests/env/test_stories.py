@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from drives import HARD_BRAKE, KEEP, LEFT, RIGHT
-from runs import refused_scenario
+from runs import Capsys, refused_scenario
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
@@ -155,7 +155,7 @@ def test_hard_braking_alone_is_safe_in_each_story() -> None:
 
 
 def test_a_story_is_written_by_its_name_and_changed_by_options(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     words = ["--from", "stalled_vehicle", "--length-m", "2000"]
     assert main(["scenario", str(tmp_path / "longer"), *words]) == 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from drives import episode
+from runs import Capsys
 
 import drl_av
 from drl_av.cli import main
@@ -205,7 +206,7 @@ def test_the_function_returns_the_judgements() -> None:
 
 @pytest.mark.parametrize(("needed", "status"), [([], 0), (["--require-pass"], 1)])
 def test_the_command_ends_with_the_judgement_and_its_status_is_1_only_if_asked(
-    needed: list[str], status: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    needed: list[str], status: int, tmp_path: Path, capsys: Capsys
 ) -> None:
     words = ["evaluate", "pretrained", "idm", "--vehicles", "2", "--episodes", "1", *needed]
     words += ["-o", "simulation.decisions_per_episode=3", "--json", str(tmp_path / "summary.json")]

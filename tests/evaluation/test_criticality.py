@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from decisions import decided
+from runs import Capsys
 from worlds import CENTER, Car, ahead, behind, scene
 
 import drl_av
@@ -186,7 +187,7 @@ def test_a_driver_s_style_is_over_all_its_decisions() -> None:
 
 
 def test_the_command_and_the_function_add_the_columns_in_one_and_in_two_processes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     plain, added = tmp_path / "plain.csv", tmp_path / "added.csv"
     words = ["evaluate", "idm-mobil", "--vehicles", "20", "--episodes", "2", "--seed", "800000"]

@@ -16,7 +16,7 @@ import gymnasium
 import numpy as np
 import onnx
 import pytest
-from runs import INTERRUPT, error_message, interrupted, run_folder
+from runs import INTERRUPT, Capsys, error_message, interrupted, run_folder
 from stable_baselines3 import PPO
 
 import drl_av
@@ -112,9 +112,7 @@ def test_a_file_with_an_at_in_its_name_is_itself(tmp_path: Path) -> None:
     assert (spec.name, spec.under) == ("run@paper", None)
 
 
-def test_who_names_drivers_of_two_checks_is_told(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_who_names_drivers_of_two_checks_is_told(here: Path, capsys: Capsys) -> None:
     with HighwayEnv(config=SHORT) as env:
         PPO("MlpPolicy", env, device="cpu").save("ppo.zip")
     words = ["--vehicles", "1", "--episodes", "1", "-o", "simulation.decisions_per_episode=3"]
@@ -141,7 +139,7 @@ def test_who_names_drivers_of_two_checks_is_told(
         drl_av.evaluate(["ppo.zip", "pretrained"], vehicles=1, episodes=1, config=SHORT)
 
 
-def test_every_table_says_under_which_check(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_table_says_under_which_check(capsys: Capsys) -> None:
     words = ["--vehicles", "1", "--episodes", "2", "-o", "simulation.decisions_per_episode=3"]
     words += ["--criticality"]
     assert main(["evaluate", "pretrained", "idm", *words]) == 0
@@ -151,9 +149,7 @@ def test_every_table_says_under_which_check(capsys: pytest.CaptureFixture[str]) 
     assert " ".join(capsys.readouterr().out.split()).count(title) == 4
 
 
-def test_own_parts_are_named_on_the_command_line(
-    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_own_parts_are_named_on_the_command_line(mine: str, here: Path, capsys: Capsys) -> None:
     for check in ("slow", "factory"):
         words = ["evaluate", "idm", f"{mine}:brakes", "--vehicles", "2", "--episodes", "2"]
         words += ["--safety-check", f"{mine}:{check}", "--reward", f"{mine}:price"]
@@ -214,14 +210,14 @@ def test_own_parts_are_objects_of_a_program_also_in_several_processes() -> None:
     ],
 )
 def test_own_parts_that_are_none_are_one_sentence(
-    words: list[str], message: str, mine: str, capsys: pytest.CaptureFixture[str]
+    words: list[str], message: str, mine: str, capsys: Capsys
 ) -> None:
     assert main(["evaluate", "idm", "--vehicles", "1", "--episodes", "1", *words]) == 1
     assert message in error_message(capsys)
 
 
 def test_an_own_check_is_filmed_recorded_and_repeated_when_it_is_named(
-    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+    mine: str, here: Path, capsys: Capsys
 ) -> None:
     check = ["--safety-check", f"{mine}:slow"]
     words = ["replay", "--driver", "idm", "--vehicles", "2", "--config", "short.toml"]
@@ -233,7 +229,7 @@ def test_an_own_check_is_filmed_recorded_and_repeated_when_it_is_named(
 
 
 def test_a_file_that_names_a_function_runs_none_until_the_user_names_it(
-    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+    mine: str, here: Path, capsys: Capsys
 ) -> None:
     check, short = ["--safety-check", f"{mine}:slow"], ["--config", "short.toml"]
     words = ["replay", "--driver", "idm", "--vehicles", "2", *short, *check]
@@ -259,7 +255,7 @@ def test_a_file_that_names_a_function_runs_none_until_the_user_names_it(
 
 
 def test_a_training_goes_on_with_the_reward_that_it_began_with(
-    mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+    mine: str, here: Path, capsys: Capsys
 ) -> None:
     words = ["train", "--out", "run", "--episodes", "3", "--config", "short.toml"]
     priced = [f"--reward={mine}:price", "--sumo-options=--step-log.period 7"]
@@ -303,7 +299,7 @@ def test_the_reward_of_a_program_is_named_as_another_program_would(mine: str) ->
     "change", ["driver", "its data", "module", "scenario", "reward", "sumo options"]
 )
 def test_a_table_refuses_rows_of_a_changed_file_or_function(
-    change: str, mine: str, here: Path, capsys: pytest.CaptureFixture[str]
+    change: str, mine: str, here: Path, capsys: Capsys
 ) -> None:
     assert main(["scenario", "road", "--circumference-m", "400"]) == 0
     assert main(["export", "pretrained-paper", "net.onnx"]) == 0

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from runs import Capsys
 from shown import ROOT
 
 from drl_av.errors import DrlAvError, RunError, SimulationError
@@ -89,7 +90,7 @@ def _await_end(pids: Iterable[int]) -> None:
 
 
 def test_missing_ray_is_reported_before_anything_is_driven(
-    monkeypatch: pytest.MonkeyPatch, here: Path, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, here: Path, capsys: Capsys
 ) -> None:
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     with pytest.raises(DrlAvError, match=r"pip install 'drl-av\[ray\]'"):

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 from drives import RESULT
-from runs import SHORT, run_folder
+from runs import SHORT, Capsys, run_folder
 
 from drl_av import cli
 from drl_av.drivers import policy_file, registry
@@ -171,9 +171,7 @@ def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
     ]
 
 
-def test_processes_do_not_share_a_file_that_sumo_writes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_processes_do_not_share_a_file_that_sumo_writes(tmp_path: Path, capsys: Capsys) -> None:
     file, runs = tmp_path / "fcd.xml", tmp_path / "runs"
     commands = ["evaluate idm --vehicles 1 --episodes 2", f"train --seeds 1,2 --out {runs}"]
     writing, reading = tmp_path / "writing.add.xml", tmp_path / "reading.add.xml"
@@ -193,7 +191,7 @@ def test_processes_do_not_share_a_file_that_sumo_writes(
 
 
 def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     driven = list[int]()
 

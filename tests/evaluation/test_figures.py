@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import episode
-from runs import error_message
+from runs import Capsys, error_message
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -52,7 +52,7 @@ def test_speed_figure_has_a_curve_for_each_driver_through_its_means() -> None:
 
 
 def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: Capsys
 ) -> None:
     words = ["evaluate", "idm", "gap-mobil", "pretrained", "--vehicles", "3", "5", "--episodes"]
     assert main([*words, "2", *SHORT, "--out", "rows.csv"]) == 0
@@ -91,7 +91,7 @@ def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
     ],
 )
 def test_tables_of_different_traffic_are_not_drawn_together(
-    other: list[str], words: str, here: Path, capsys: pytest.CaptureFixture[str]
+    other: list[str], words: str, here: Path, capsys: Capsys
 ) -> None:
     given = [*SHORT, "--vehicles", "3", "--episodes", "1", "--out"]
     assert main(["evaluate", "idm", "--traffic", "calm", *given, "a.csv"]) == 0
@@ -119,7 +119,7 @@ def test_the_profile_falls_at_each_speed_of_the_driver() -> None:
 
 
 def test_the_learning_curve_of_ppo_is_the_mean_of_its_last_20_updates(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     large, paper = tmp_path / "large", tmp_path / "paper"
     rewards = [-1.0] * 20 + [-0.5] * 20
@@ -178,7 +178,7 @@ def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
 
 
 def test_episodes_of_one_driver_in_the_same_traffic_are_not_mixed_into_one_curve(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     write_rows(tmp_path / "first", episode("idm", 1, 20.0))
     write_rows(tmp_path / "second", episode("idm", 2, 20.0), episode("idm", 1, 10.0))
@@ -188,9 +188,7 @@ def test_episodes_of_one_driver_in_the_same_traffic_are_not_mixed_into_one_curve
     assert "idm drove seed 1 among 5 vehicles twice" in error_message(capsys)
 
 
-def test_one_driver_under_two_checks_is_not_one_curve(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_driver_under_two_checks_is_not_one_curve(tmp_path: Path, capsys: Capsys) -> None:
     for seed, check in enumerate(("paper", "strict")):
         write_rows(tmp_path / check, episode("idm", seed, 20.0, safety_check=check))
     tables = [str(tmp_path / name) for name in ("paper", "strict")]
@@ -213,7 +211,7 @@ def test_one_driver_under_two_checks_is_not_one_curve(
     ],
 )
 def test_a_run_or_a_table_without_anything_to_draw_is_refused(
-    given: str, file: str, text: str, sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+    given: str, file: str, text: str, sentence: str, here: Path, capsys: Capsys
 ) -> None:
     (here / file).write_text(text)
     assert main(["figures", given, "--out", "out"]) == 1
@@ -223,7 +221,7 @@ def test_a_run_or_a_table_without_anything_to_draw_is_refused(
 
 @pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "1e308", "9" * 400])
 def test_a_number_that_cannot_be_drawn_is_one_sentence(
-    number: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    number: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     (tmp_path / "evaluations.csv").write_text(f"episode,mean_reward\n{number},-0.4\n")
     assert main(["figures", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
@@ -305,7 +303,7 @@ def test_a_driver_has_one_colour_and_no_interval_reaches_below_a_standstill() ->
 
 @pytest.mark.parametrize("suffix", [".pdf", ".svg", ".PNG"])
 def test_a_file_is_drawn_by_its_suffix_and_says_the_check(
-    suffix: str, here: Path, capsys: pytest.CaptureFixture[str]
+    suffix: str, here: Path, capsys: Capsys
 ) -> None:
     rows = [episode("idm", seed, 20.0 + seed, safety_check="strict") for seed in range(2)]
     write_rows(Path("rows.csv"), *rows)
@@ -324,7 +322,7 @@ def test_a_file_is_drawn_by_its_suffix_and_says_the_check(
 
 
 def test_a_kind_of_file_that_is_not_drawn_is_refused_and_makes_no_folder(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: Capsys
 ) -> None:
     assert main(["figures", "--out", "reward.jpg"]) == 1
     assert "ends in .png, .pdf, .svg: name such a file" in capsys.readouterr().err

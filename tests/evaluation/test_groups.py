@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import episode
-from runs import SHORT, run_folder
+from runs import SHORT, Capsys, run_folder
 
 from drl_av.cli import main
 from drl_av.drivers.groups import trainings_of
@@ -129,9 +129,7 @@ def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(here: Path)
             find_drivers(words)
 
 
-def test_the_table_of_an_evaluation_has_a_column_for_the_group(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_table_of_an_evaluation_has_a_column_for_the_group(here: Path, capsys: Capsys) -> None:
     for seed in (1, 2):
         run_folder(Path(f"runs/seed-{seed}"), SHORT)
     words = ["evaluate", "mine=runs/*", "idm", "--vehicles", "0", "--episodes", "1"]

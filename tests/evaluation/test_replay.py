@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from drives import hash_of
 from PIL import Image
+from runs import Capsys
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -109,7 +110,7 @@ def test_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
 
 
 def test_video_is_made_of_a_recording_without_a_screen(
-    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     video = file.with_name("drive.gif")
@@ -149,7 +150,7 @@ def page_data(file: Path) -> list[dict[str, Any]]:
 
 
 def test_the_page_of_a_recording_holds_its_places_and_decisions(
-    recording: Recording, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Recording, file: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     page = tmp_path / "page.html"
     assert main(["replay", str(file), "--html", str(page)]) == 0
@@ -192,9 +193,7 @@ def test_the_page_of_a_learned_driver_shows_the_values_that_it_chose_by(
             assert sum(decision["values"]) == pytest.approx(1.0, abs=1e-5)
 
 
-def test_two_drivers_meet_the_same_traffic_on_one_page(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_drivers_meet_the_same_traffic_on_one_page(here: Path, capsys: Capsys) -> None:
     drive = ["--decisions", "3", "--seed", "4", "--vehicles", "9"]
     assert main(["replay", "idm@strict", "--driver", "random", *drive, "--html", "two.html"]) == 0
     said = capsys.readouterr().out
@@ -222,7 +221,7 @@ def test_two_drivers_meet_the_same_traffic_on_one_page(
     ],
 )
 def test_what_no_page_can_show_is_one_sentence(
-    words: str, why: str, recording: Recording, here: Path, capsys: pytest.CaptureFixture[str]
+    words: str, why: str, recording: Recording, here: Path, capsys: Capsys
 ) -> None:
     recording.save(Path("own.npz"))
     replace(recording, seed=12).save(Path("other.npz"))
@@ -246,7 +245,7 @@ def test_a_recording_of_other_shapes_is_one_sentence(
     why: str,
     recording: Recording,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     replace(recording, **changed).save(tmp_path / "odd.npz")  # with a right checksum
     assert main(["replay", str(tmp_path / "odd.npz"), "--html", str(tmp_path / "x.html")]) == 1
@@ -270,7 +269,7 @@ def test_a_recording_that_expands_without_end_is_refused_before(tmp_path: Path) 
 
 
 def test_a_name_with_terminal_codes_is_shown_and_not_obeyed(
-    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Recording, tmp_path: Path, capsys: Capsys
 ) -> None:
     replace(recording, driver="idm\x1b[2J\x9b31m").save(tmp_path / "episode.npz")
     words = ["replay", str(tmp_path / "episode.npz"), "--html", str(tmp_path / "x.html")]
@@ -281,7 +280,7 @@ def test_a_name_with_terminal_codes_is_shown_and_not_obeyed(
 
 
 def test_sumo_does_not_write_over_the_recording_that_it_replays(
-    file: Path, here: Path, capsys: pytest.CaptureFixture[str]
+    file: Path, here: Path, capsys: Capsys
 ) -> None:
     before = file.read_bytes()
     page = ["--html", "page.html"]
@@ -311,9 +310,7 @@ def test_sumo_does_not_write_over_the_recording_that_it_replays(
     assert "both set fcd-output" in capsys.readouterr().err
 
 
-def test_a_recording_on_a_road_that_was_moved_is_replayed_there(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_on_a_road_that_was_moved_is_replayed_there(here: Path, capsys: Capsys) -> None:
     road, page = ["--barricade", "1"], ["--html", "page.html"]
     assert main(["scenario", "mine", *road]) == 0
     own = ["replay", "idm", "--scenario", "mine", "--vehicles", "3", "--decisions", "4"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import sumo
 from matplotlib.collections import LineCollection
-from runs import SHORT, error_message
+from runs import SHORT, Capsys, error_message
 
 import drl_av
 from drl_av.cli import main
@@ -74,7 +74,7 @@ def test_the_file_names_its_columns_and_its_vehicles(tmp_path: Path) -> None:
 
 
 def test_sumos_own_tool_reads_the_floating_car_data_and_they_are_the_recorded_episode(
-    short: list[str], capsys: pytest.CaptureFixture[str]
+    short: list[str], capsys: Capsys
 ) -> None:
     words = ["replay", "--driver", "random", "--vehicles", "4", *short, "--fcd", "fcd.xml"]
     assert main([*words, "--record", "e.npz"]) == 0
@@ -105,7 +105,7 @@ def test_the_parquet_file_is_the_frame(here: Path) -> None:
 
 
 def test_an_evaluation_keeps_its_episodes_or_its_failures_as_recordings(
-    short: list[str], capsys: pytest.CaptureFixture[str]
+    short: list[str], capsys: Capsys
 ) -> None:
     words = ["evaluate", "idm", "random", *short, "--safety-check", "permit_all"]
     words += ["--traffic", "calm", "--vehicles", "20", "--episodes", "5", "-o", LONGER]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from drives import RESULT, episode
+from runs import Capsys
 
 from drl_av.cli import main
 from drl_av.env.metrics import EpisodeResult
@@ -79,7 +80,7 @@ def test_the_summary_counts_exits_and_merges() -> None:
 
 
 def test_the_command_shows_exits_and_fails_a_driver_that_misses_more(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "lazy_exit.py").write_text(
@@ -104,9 +105,7 @@ def test_the_command_shows_exits_and_fails_a_driver_that_misses_more(
     assert found["judgements"][0]["failures"] == ["exit or merge"]  # it is faster
 
 
-def test_the_tables_of_a_loop_have_no_way(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_tables_of_a_loop_have_no_way(tmp_path: Path, capsys: Capsys) -> None:
     out, summary = tmp_path / "rows.csv", tmp_path / "summary.json"
     words = ["evaluate", "--driver", "idm", "gap-mobil", "--vehicles", "1", "--episodes", "1"]
     words += ["-o", "simulation.decisions_per_episode=2", "--criticality"]

@@ -6,7 +6,7 @@ from zipfile import ZipFile
 
 import pytest
 from PIL import Image
-from runs import error_message, run_folder
+from runs import Capsys, error_message, run_folder
 from stable_baselines3 import PPO
 
 from drl_av.cli import main
@@ -35,9 +35,7 @@ def rows() -> list[dict[str, str]]:
         return [*csv.DictReader(file)]
 
 
-def test_the_worst_row_is_driven_again(
-    table: list[dict[str, str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_worst_row_is_driven_again(table: list[dict[str, str]], capsys: Capsys) -> None:
     nearest = min(table, key=lambda row: float(row["min_ttc_s"]))
     busiest = max(table, key=lambda row: int(row["safety_triggers"]))
     slowest = min(table, key=lambda row: float(row["mean_speed_m_s"]))
@@ -74,9 +72,7 @@ def test_the_sheet_has_a_picture_of_each_episode(table: list[dict[str, str]]) ->
     assert len(set(tiles)) == 6
 
 
-def test_a_wrong_wish_is_one_sentence(
-    table: list[dict[str, str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_wish_is_one_sentence(table: list[dict[str, str]], capsys: Capsys) -> None:
     for words, said in (
         (["rows.csv", "--worst", "min_ttc"], "(did you mean 'min_ttc_s'?): name one of"),
         (["rows.csv", "--worst", "driver"], "no numbers in a column 'driver'"),
@@ -98,7 +94,7 @@ def test_a_wrong_wish_is_one_sentence(
 
 
 def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: Capsys
 ) -> None:
     run_folder(here / "runs" / "mine")
     assert main([*evaluate("runs/mine"), "--episodes", "2"]) == 0
@@ -126,7 +122,7 @@ def test_of_two_drivers_with_one_last_name_the_path_names_one(here: Path) -> Non
 
 
 def test_the_trainings_of_a_group_are_found_again_as_the_message_says(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: Capsys
 ) -> None:
     for seed in (1, 2):
         run_folder(here / "moved" / f"seed-{seed}")
@@ -138,9 +134,7 @@ def test_the_trainings_of_a_group_are_found_again_as_the_message_says(
     assert main([*again, "--driver", "mine=moved/seed-*"]) == 0
 
 
-def test_the_recordings_of_another_evaluation_stay(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_recordings_of_another_evaluation_stay(here: Path, capsys: Capsys) -> None:
     words = ["evaluate", "idm", "--vehicles", "5", "--episodes", "1", "--record", "kept"]
     words += ["-o", "simulation.decisions_per_episode=3"]
     assert main(words) == 0
@@ -154,7 +148,7 @@ def test_the_recordings_of_another_evaluation_stay(
 
 
 def test_an_agent_of_an_observation_of_its_own_is_driven_again_with_it(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: Capsys
 ) -> None:
     env = HighwayEnv(config=Config(), observation=("ego", "own_front"))
     PPO("MlpPolicy", env, n_steps=2, batch_size=2, device="cpu").save("a.zip")

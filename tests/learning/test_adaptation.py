@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import INTERRUPT, KILL, error_message, files_of, interrupted
+from runs import INTERRUPT, KILL, Capsys, error_message, files_of, interrupted
 
 from drl_av.cli import main
 from drl_av.config import Config, load_config
@@ -154,7 +154,7 @@ def test_only_the_one_with_a_learning_rate_learns(
 
 
 def test_the_paper_s_driver_brings_its_policy_and_waits_for_experience(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     settings = tmp_path / "short.toml"
     settings.write_text(
@@ -227,7 +227,7 @@ def test_a_policy_that_cannot_be_adapted_is_reported_and_leaves_nothing_behind(
     words: list[str],
     message: str,
     here: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     (here / "narrow.toml").write_text("[learning]\nhidden_units = 7\n")
     (here / "blind.toml").write_text("[observation]\nrange_m = 100\n")
@@ -238,7 +238,7 @@ def test_a_policy_that_cannot_be_adapted_is_reported_and_leaves_nothing_behind(
 
 
 def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(
-    trained: Path, quick: str, adapted: Path, capsys: pytest.CaptureFixture[str]
+    trained: Path, quick: str, adapted: Path, capsys: Capsys
 ) -> None:
     before = files_of(adapted)
     for options, message in (
@@ -255,7 +255,7 @@ def test_a_run_that_is_there_is_not_begun_again_nor_resumed_otherwise(
 
 
 def test_experience_of_another_replay_is_not_dropped_in_silence(
-    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    trained: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     for settings in ("replay=uniform", "replay=prioritized", "safe_capacity=1"):
         words = ["adapt", str(trained), "--out", str(tmp_path / "out")]
@@ -277,7 +277,7 @@ def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> 
 
 
 def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
-    quick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    quick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text("def one(transition):\n    return 1.0\n")

@@ -10,7 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nets import east
-from runs import INTERRUPT, KILL, disk_tape, error_message, files_of, interrupted, one_sentence
+from runs import (
+    INTERRUPT,
+    KILL,
+    Capsys,
+    disk_tape,
+    error_message,
+    files_of,
+    interrupted,
+    one_sentence,
+)
 
 from drl_av.cli import main
 from drl_av.config import load_config
@@ -151,7 +160,7 @@ def test_resuming_a_finished_run_writes_a_policy_that_is_damaged(copy: Path) -> 
 
 
 def test_a_training_does_not_go_on_upon_another_road(
-    settings: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    settings: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     road, run = tmp_path / "road", tmp_path / "run"
     assert main(["scenario", str(road), "--circumference-m", "800"]) == 0
@@ -207,7 +216,7 @@ def test_row_that_finds_the_disk_full_is_reported_in_one_sentence(
 
 @pytest.mark.parametrize("spoilt", ["cut short", "flipped", "empty", "a policy"])
 def test_damaged_checkpoint_is_refused_and_left_as_it_is(
-    spoilt: str, copy: Path, capsys: pytest.CaptureFixture[str]
+    spoilt: str, copy: Path, capsys: Capsys
 ) -> None:
     file = copy / "checkpoint.safetensors"
     data = bytearray(file.read_bytes())
@@ -225,9 +234,7 @@ def test_damaged_checkpoint_is_refused_and_left_as_it_is(
 
 
 @pytest.mark.parametrize("spoilt", ["seed = 3\n", "seed = 0\nforgotten = 1\n"])
-def test_checkpoint_of_another_config_is_refused(
-    spoilt: str, copy: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_checkpoint_of_another_config_is_refused(spoilt: str, copy: Path, capsys: Capsys) -> None:
     file = copy / "checkpoint.safetensors"
     tensors, numbers = load(file)
     config = numbers["config"].replace("seed = 0\n", spoilt)
@@ -237,7 +244,7 @@ def test_checkpoint_of_another_config_is_refused(
 
 
 def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_interrupted(
-    copy: Path, capsys: pytest.CaptureFixture[str]
+    copy: Path, capsys: Capsys
 ) -> None:
     whole = (copy / "config.toml").read_bytes()
     last_zero = whole.rindex(b"evaluation_episodes = 2") + len(b"evaluation_episodes = ")
@@ -250,7 +257,7 @@ def test_a_config_that_a_power_cut_left_is_refused_before_anything_is_interrupte
 
 
 def test_without_its_checkpoint_a_run_is_not_continued_and_stays_as_it_is(
-    copy: Path, tmp_path: Path, settings: str, capsys: pytest.CaptureFixture[str]
+    copy: Path, tmp_path: Path, settings: str, capsys: Capsys
 ) -> None:
     adapted = tmp_path / "adapted"
     assert main(["adapt", str(copy), "--out", str(adapted), "--episodes", "1"]) == 0
@@ -290,7 +297,7 @@ def test_a_new_run_is_on_the_disk_before_it_has_its_name(
     ],
 )
 def test_numbers_that_no_training_writes_are_refused_and_change_no_file(
-    name: str, value: object, copy: Path, capsys: pytest.CaptureFixture[str]
+    name: str, value: object, copy: Path, capsys: Capsys
 ) -> None:
     file = copy / "checkpoint.safetensors"
     tensors, numbers = load(file)
@@ -301,7 +308,7 @@ def test_numbers_that_no_training_writes_are_refused_and_change_no_file(
     assert files_of(copy) == before
 
 
-def test_lost_rows_are_missed(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lost_rows_are_missed(copy: Path, capsys: Capsys) -> None:
     os.truncate(copy / "episodes.csv", 100)
     assert main(command(copy, "--resume")) == 1
     assert "has lost rows" in error_message(capsys)
@@ -317,7 +324,7 @@ def test_lost_rows_are_missed(copy: Path, capsys: pytest.CaptureFixture[str]) ->
     ],
 )
 def test_run_that_exists_is_not_trained_otherwise(
-    options: list[str], message: str, copy: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str], message: str, copy: Path, capsys: Capsys
 ) -> None:
     before = files_of(copy)
     assert main(command(copy, *options)) == 1
@@ -342,7 +349,7 @@ def test_tensorboard_events_are_written_when_asked_for(settings: str, tmp_path: 
 
 
 def test_missing_tensorboard_is_reported_before_a_run_is_begun(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(command(tmp_path / "run", "--tensorboard")) == 1
@@ -369,7 +376,7 @@ def test_tensorboard_events_that_find_the_disk_full_are_one_sentence(
 
 
 def test_a_run_without_an_episode_can_be_corrected(
-    settings: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    settings: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     begun = [*command(tmp_path / "run"), "--config", settings]
     assert main([*begun, "--sumo-options=--no-such-option 3"]) == 1
@@ -397,9 +404,7 @@ def test_a_training_that_diverges_stops_and_keeps_its_last_checkpoint(
     assert files_of(copy) == before
 
 
-def test_what_a_training_would_ignore_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_training_would_ignore_is_refused(tmp_path: Path, capsys: Capsys) -> None:
     for words, said in (
         (["-o", "driver.hold_s=2"], "driver.hold_s is 2, but a training would ignore it"),
         (["--preset", "large", "-o", "driver.hold_s=2"], "driver.hold_s is 2"),

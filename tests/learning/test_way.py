@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import Capsys
 from worlds import ALONE
 
 from drl_av.cli import main
@@ -61,7 +62,7 @@ def test_it_decides_alike_on_both_sides(run: Path) -> None:
 
 
 def test_it_drives_on_its_own_road_and_refuses_other_observations(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     table = tmp_path / "table.csv"
     words = ["--vehicles", "5", "--episodes", "1", "--out", str(table)]

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from nets import A10, EAST, WEST, Part, along, chain, east
 from plain_sumo import run_sumo, states
-from runs import files_of, refused_scenario
+from runs import Capsys, files_of, refused_scenario
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
@@ -223,9 +223,7 @@ def test_a_crossing_on_which_the_route_has_priority_is_driven_straight_on(tmp_pa
     assert lanes_of(description) == []
 
 
-def refused(
-    capsys: pytest.CaptureFixture[str], folder: Path, net: Path, *words: str, ends: str = "e0 e1"
-) -> str:
+def refused(capsys: Capsys, folder: Path, net: Path, *words: str, ends: str = "e0 e1") -> str:
     """The sentence with which the command line refuses a network."""
     first, last = ends.split()
     given = ["--net", str(net), f"--from-edge={first}", f"--to-edge={last}", *words]
@@ -279,7 +277,7 @@ def test_a_road_that_cannot_be_driven_is_refused_in_one_sentence(
     given: dict[str, Any],
     reason: str | None,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     net = chain(tmp_path, *parts, **given)
     if reason is None:
@@ -316,7 +314,7 @@ ALONG = " ".join(EAST)
     ],
 )
 def test_a_route_that_is_not_there_and_settings_that_do_not_fit_are_refused(
-    ends: str, words: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ends: str, words: str, reason: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     line = refused(capsys, tmp_path, A10, *words.split(), ends=ends)
     assert re.search(reason, line)
@@ -362,7 +360,7 @@ LENGTH = 'length="1194.87"'
     ],
 )
 def test_a_file_that_is_no_sound_network_is_refused_in_one_sentence(
-    old: str, new: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    old: str, new: str, reason: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     spoilt, count = re.subn(old, new, A10.read_text(encoding="utf-8"), count=1, flags=re.DOTALL)
     assert count
@@ -372,7 +370,7 @@ def test_a_file_that_is_no_sound_network_is_refused_in_one_sentence(
 
 
 def test_absurd_routes_and_names_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     net = chain(tmp_path, Part(2), Part(2), Part(2))
     net.write_text(net.read_text().replace('"e0"', '"e 0"').replace('"e0_', '"e 0_'))
@@ -384,9 +382,7 @@ def test_absurd_routes_and_names_are_refused(
     assert "the route has 5 edges, but may have 4: join them by netconvert" in line
 
 
-def test_files_that_are_no_text_of_xml_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_files_that_are_no_text_of_xml_are_refused(tmp_path: Path, capsys: Capsys) -> None:
     net = tmp_path / "own.net.xml"
     assert f"{net} is missing: name a network file" in refused(capsys, tmp_path, net)
     net.write_bytes(gzip.compress(A10.read_bytes()))

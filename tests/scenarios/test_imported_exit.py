@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from nets import LEAVING_WAYS, TWO_LANES, TWO_LANES_WAYS, along, converted, east, leaving
 from plain_sumo import trips
-from runs import files_of, refused_scenario
+from runs import Capsys, files_of, refused_scenario
 from worlds import scene
 
 from drl_av.cli import main
@@ -264,7 +264,7 @@ ENDING_WAYS = ("e0 0 e1 1", "e0 1 e1 2", "e0 2 e1 3", "e1 0 off 0", "off 0 away 
     ],
 )
 def test_an_exit_that_cannot_be_driven_is_refused_in_one_sentence(
-    given: dict[str, Any], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    given: dict[str, Any], reason: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     own = leaving(tmp_path, **given)
     words = ["--kind", "imported", "--net", str(own), "--from-edge", "e0", "--to-edge", "away"]

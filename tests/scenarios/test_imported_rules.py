@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from nets import Part, along, chain, converted, east
 from plain_sumo import run_sumo
+from runs import Capsys
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
@@ -658,9 +659,7 @@ def test_an_edge_with_the_name_of_a_piece_is_refused(
         described(net, *names)
 
 
-def test_the_verbs_say_what_was_made_of_a_route(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_verbs_say_what_was_made_of_a_route(tmp_path: Path, capsys: Capsys) -> None:
     net = chain(tmp_path, Part(3), Part(2), ways=["e0 1 e1 0", "e0 2 e1 1"])
     words = ["--kind", "imported", "--net", str(net), "--from-edge", "e0", "--to-edge", "e1"]
     assert main(["scenario", str(tmp_path / "road"), *words]) == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from plain_sumo import states, trips
-from runs import files_of, refused_scenario
+from runs import Capsys, files_of, refused_scenario
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -240,7 +240,7 @@ def test_vehicles_are_placed_on_lanes_that_exist_there(vehicle: PlacedVehicle, r
     ],
 )
 def test_bad_arguments_are_one_sentence(
-    words: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: str, reason: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     assert re.search(reason, refused_scenario(capsys, tmp_path, "--kind", *words.split()))
 
@@ -276,7 +276,7 @@ class TwoLaneDescription(OpenDescription):
 
 
 def test_a_kind_from_outside_the_package_is_one_class_and_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setitem(road_types.ROAD_TYPES, "own", TwoLaneDescription)
     words = ["scenario", str(tmp_path / "own"), "--kind", "own", "--shoulder-m", "450"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import gymnasium
 import pytest
-from runs import SHORT, error_message
+from runs import SHORT, Capsys, error_message
 
 from drl_av.cli import main
 from drl_av.env.highway import HighwayEnv
@@ -72,7 +72,7 @@ def test_a_scenario_carries_detectors_and_types_of_the_user(here: Path) -> None:
     ],
 )
 def test_a_file_of_a_scenario_that_is_unsafe_or_wrong_is_one_sentence(
-    element: str, said: str, here: Path, capsys: pytest.CaptureFixture[str]
+    element: str, said: str, here: Path, capsys: Capsys
 ) -> None:
     own_file(LOOP.format("NUL"), TYPES)
     assert write() == 0
@@ -92,7 +92,7 @@ def test_a_file_of_a_scenario_that_is_unsafe_or_wrong_is_one_sentence(
     ],
 )
 def test_a_wrong_number_of_a_type_is_named_when_the_scenario_is_written(
-    stated: str, wrong: str, said: str, here: Path, capsys: pytest.CaptureFixture[str]
+    stated: str, wrong: str, said: str, here: Path, capsys: Capsys
 ) -> None:
     own_file(TYPES.replace(stated, wrong, 1))
     assert write() == 1
@@ -113,9 +113,7 @@ def test_a_scenario_names_files_of_its_own_folder_only(names: object, here: Path
         load_scenario("road")
 
 
-def test_a_file_with_the_name_of_another_is_not_written_over_it(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_with_the_name_of_another_is_not_written_over_it(here: Path, capsys: Capsys) -> None:
     own_file(TYPES, name="view.xml")
     Path("mine.toml").write_text('additional_files = ["view.xml"]\n')
     assert main(["scenario", "road", "--from", "mine.toml"]) == 1

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from nets import needed
 from plain_sumo import states
-from runs import refused_scenario
+from runs import Capsys, refused_scenario
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -241,7 +241,7 @@ def test_a_wrong_file_is_refused_in_one_sentence(
     words: list[str],
     message: str,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     if text is not None:
         (tmp_path / "wrong.toml").write_text(text)

@@ -5,6 +5,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from runs import Capsys
 
 from studies.__main__ import main
 from studies.registry import STUDIES
@@ -27,7 +28,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_nothing_of_them_is_refused_or_made_again(
-    name: str, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, results: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     assert main([name, "--jobs", "1", "--out", str(results), "--runs", str(tmp_path / "runs")]) == 0
     assert f"{name}.csv is complete: nothing was driven;" in capsys.readouterr().out

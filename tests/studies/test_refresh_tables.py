@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from runs import Capsys
 
 ROOT = Path(__file__).parents[2]
 PAGE = """Text before.
@@ -73,7 +74,7 @@ def test_a_wrong_number_in_prose_or_in_a_table_is_found_and_corrected(
     tool: ModuleType,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     assert run(tool, monkeypatch) == run(tool, monkeypatch, "--check") == 0
     page = tmp_path / "page.md"

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from runs import Capsys
 
 from drl_av.config import SINGLE_PRESETS
 from drl_av.files.table import read_table
@@ -29,7 +30,7 @@ def test_it_keeps_policies_on_the_way_and_goes_on_where_it_stopped(
     tmp_path: Path,
     two_episodes: list[str],
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     monkeypatch.setattr(scale, "POINTS", (16_384, 40_000))
     scale.main(two_episodes)

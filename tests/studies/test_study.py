@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from checks_of_study import with_check
+from runs import Capsys
 
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers
@@ -272,7 +273,7 @@ def test_the_engine_drives_evaluations_too(
 
 
 def test_the_command_line_runs_a_file_of_ones_own_in_a_quick_form(
-    mine: FileStudy, short: Options, here: Path, capsys: pytest.CaptureFixture[str]
+    mine: FileStudy, short: Options, here: Path, capsys: Capsys
 ) -> None:
     words = [str(mine.path), "--quick", "--jobs", "1", "--config", *short.config]
     assert main(words) == 0
@@ -325,7 +326,7 @@ def test_a_table_of_a_missing_result_is_one_sentence(mine: FileStudy, tmp_path: 
 
 
 def test_the_example_of_the_documentation_is_driven_and_compared_in_pairs(
-    short: Options, capsys: pytest.CaptureFixture[str]
+    short: Options, capsys: Capsys
 ) -> None:
     example = Path(__file__).parents[2] / "examples" / "own_study.toml"
     words = ["--episodes", "2", "--jobs", "1", "--out", str(short.out), "--config", *short.config]

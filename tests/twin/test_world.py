@@ -8,6 +8,7 @@ import pytest
 from drives import hash_of
 from nets import A10, EAST
 from programs import python
+from runs import Capsys
 
 import drl_av
 from drl_av.cli import main
@@ -51,7 +52,7 @@ def test_algorithm_1_has_the_same_experience_in_both_worlds() -> None:
 
 
 def test_a_run_says_in_which_world_it_learned_and_is_evaluated_in_sumo_unless_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capsys
 ) -> None:
     run, table, other = tmp_path / "run", tmp_path / "twin.csv", tmp_path / "sumo.csv"
     settings = ["-o", "simulation.decisions_per_episode=20"]
@@ -129,9 +130,7 @@ def test_drivers_of_sumo_are_refused(driver: str) -> None:
             [*rollout(env, load_driver("sumo"), 1, 2)]
 
 
-def test_what_the_twin_cannot_do_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_the_twin_cannot_do_is_refused(tmp_path: Path, capsys: Capsys) -> None:
     folder = tmp_path / "a10"
     way = ["--net", str(A10), "--from-edge", EAST[0], "--to-edge", EAST[1]]
     assert main(["scenario", str(folder), "--kind", "imported", *way]) == 0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from runs import Capsys
 
 from verification import approaches
 from verification.adversary import Mover, Orders
@@ -29,7 +30,7 @@ def test_sumo_and_the_simulator_agree_on_random_approaches(
 
 
 def test_the_program_by_itself_drives_every_plant_and_road(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setattr("sys.argv", ["approaches", "--scenes", "1"])
     monkeypatch.setattr(approaches, "STEPS_S", (1.0,))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from nets import Part, chain
+from runs import Capsys
 
 from drl_av.errors import ConfigError
 from drl_av.sumo_programs import sumo_module
@@ -76,7 +77,7 @@ def test_the_table_of_a_page_has_a_row_for_each_printed_text() -> None:
 
 
 def test_the_program_imports_and_drives_each_route(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, parts in (("one", [Part(2), Part(2)]), ("two", [Part(2), Part(2, width_m=3.2)])):
         (tmp_path / name).mkdir()
@@ -99,7 +100,7 @@ def test_a_file_that_is_no_network_ends_the_program_with_a_sentence(tmp_path: Pa
 
 
 def test_a_folder_that_is_not_there_is_no_result(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["imported_nets", "/no/such/folder"])
     with pytest.raises(SystemExit):

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from runs import Capsys
 
 from verification import own_hits
 from verification.adversary import World
@@ -79,7 +80,7 @@ def test_the_control_can_fail(
     people: type[Traffic],
     status: int,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capsys,
 ) -> None:
     monkeypatch.setattr(own_hits, "Keeping", people)
     words = ["--tests", "2", "--control", "3", "--careless", "0.01", "--seed", "99"]
@@ -93,7 +94,7 @@ def test_the_control_can_fail(
 
 @pytest.mark.parametrize("share", ["0", "1", "1.5"])
 def test_a_share_of_careless_lane_changes_is_between_0_and_1(
-    share: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    share: str, capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.argv", ["own_hits", "--careless", share])
     with pytest.raises(SystemExit, match="2"):

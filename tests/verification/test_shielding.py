@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from decisions import decided
+from runs import Capsys
 
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.highway import HighwayEnv
@@ -88,7 +89,7 @@ def test_the_documentation_shows_what_is_there(tmp_path: Path) -> None:
 
 
 def test_a_training_is_made_once_and_a_masked_agent_is_refused_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setattr(shielding, "BIN", 64)
     monkeypatch.setattr(shielding, "SETTINGS", {"n_steps": 64, "n_epochs": 1})

@@ -1,13 +1,12 @@
 """The table of the twin beside SUMO, with hand-worked numbers; and its program, in short."""
 
 import pytest
+from runs import Capsys
 
 from verification.twin_equality import Cell, Paired, main, print_pairs
 
 
-def test_the_table_sums_up_speeds_lane_changes_and_orders(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_table_sums_up_speeds_lane_changes_and_orders(capsys: Capsys) -> None:
     def cell(driver: str, sumo: list[float], twin: list[float], changes: tuple[int, int]) -> None:
         found[Cell("calm", driver, 20)] = Paired((sumo, twin), changes, (100.0, 50.0), 0.25)
 
@@ -25,9 +24,7 @@ def test_the_table_sums_up_speeds_lane_changes_and_orders(
     assert lines[9] == "pairs of drivers that SUMO's interval separates: 5; in the same order: 4"
 
 
-def test_the_program_drives_both_worlds(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_program_drives_both_worlds(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = ["--scenes", "3", "--episodes", "2", "--vehicles", "5", "--traffic", "paper"]
     monkeypatch.setattr("sys.argv", ["twin_equality", *sizes])
     main()
