@@ -86,6 +86,13 @@ def run_folder(folder: Path, config: Config = SHORT) -> Path:
     return folder
 
 
+def replace_in(file: Path, old: str, new: str, count: int = 1) -> None:
+    """Replace a text in a file, in which it must be."""
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new, count), encoding="utf-8")
+
+
 def files_of(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from runs import Capsys, error_message
+from runs import Capsys, error_message, replace_in
 
 from drl_av.cli import main
 from drl_av.config import from_toml, load_config
@@ -89,8 +89,7 @@ def test_an_absurd_description_is_refused_in_one_sentence(lanes: str) -> None:
 
 def test_a_scenario_that_only_sumo_finds_wrong_is_one_sentence(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(find_scenario(), tmp_path / "loop"))
-    types = folder / "vehicle_types.add.xml"
-    types.write_text(types.read_text().replace('"IDM"', '"IDN"'))
+    replace_in(folder / "vehicle_types.add.xml", '"IDM"', '"IDN"', count=-1)
     (folder / "SHA256SUMS").unlink()
     with pytest.raises(SimulationError, match="SUMO cannot load the scenario") as error:
         positions(folder)
@@ -223,10 +222,9 @@ def test_a_small_policy_file_that_asks_for_huge_networks_gets_none(tmp_path: Pat
     config = SMALL.updated("learning", hidden_units=10_000)
     save(path, {"a": np.zeros(3, np.float32)}, {"kind": "policy", "config": config.to_toml()})
     tracemalloc.start()
-    with pytest.raises(
-        CheckpointError, match="does not fit a network of 27 -> 10000 -> 10000"
-    ) as e:
+    told = "does not fit a network of 27 -> 10000 -> 10000"
+    with pytest.raises(CheckpointError, match=told) as error:
         load_policy(path)
-    sentence(e.value, str(path))
+    sentence(error.value, str(path))
     assert tracemalloc.get_traced_memory()[1] < 5_000_000
     tracemalloc.stop()

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from runs import replace_in
 from worlds import LEFT, ROAD, Car, ahead, behind, scene
 
 from drl_av.config import Config
@@ -58,10 +59,7 @@ def test_the_follower_of_an_unsafe_start_hits_the_ego_in_sumo(tmp_path: Path) ->
 
 def spoilt(folder: Path, old: str, new: str) -> Path:
     write_scenario(folder, ScenarioDescription())
-    types = folder / "vehicle_types.add.xml"
-    text = types.read_text()
-    assert old in text
-    types.write_text(text.replace(old, new, 1))
+    replace_in(folder / "vehicle_types.add.xml", old, new)
     (folder / "SHA256SUMS").unlink()
     return folder
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from nets import A10, EAST, WEST, Part, along, chain, east
 from plain_sumo import run_sumo, states
-from runs import Capsys, files_of, refused_scenario
+from runs import Capsys, files_of, refused_scenario, replace_in
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
@@ -109,9 +109,7 @@ def test_what_is_written_reads_back_equal_and_to_the_same_bytes(a10: Path, tmp_p
     assert "lane_width_m" not in text  # it is the network's
 
 
-def test_a_toml_file_names_the_network_beside_it_and_options_change_the_rest(
-    tmp_path: Path,
-) -> None:
+def test_a_toml_file_names_the_net_beside_it_and_options_change_the_rest(tmp_path: Path) -> None:
     (tmp_path / "roads").mkdir()
     (tmp_path / "roads" / "own.net.xml").write_bytes(A10.read_bytes())
     (tmp_path / "roads" / "road.toml").write_text(
@@ -294,8 +292,7 @@ ALONG = " ".join(EAST)
     ("ends", "words", "reason"),
     [
         (
-            "264306385 264308367",
-            "",
+            *("264306385 264308367", ""),
             r"no edge '264308367' \(did you mean '26430837\d'\?\): name an",
         ),
         (":9671124_0 264308376", "", r"there is no edge ':9671124_0'"),
@@ -438,9 +435,7 @@ def test_the_folder_of_another_person_is_checked_before_sumo_opens_it(
 ) -> None:
     folder = Path(shutil.copytree(a10, tmp_path / "road"))
     (folder / "SHA256SUMS").unlink()
-    text = (folder / name).read_text()
-    assert old in text
-    (folder / name).write_text(text.replace(old, new, 1))
+    replace_in(folder / name, old, new)
     with pytest.raises(ScenarioError, match=reason):
         load_scenario(folder)
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from nets import Part, along, chain, converted, east
 from plain_sumo import run_sumo
-from runs import Capsys
+from runs import Capsys, replace_in
 
 from drl_av.cli import main
 from drl_av.errors import ScenarioError
@@ -55,11 +55,8 @@ def test_the_list_has_every_attribute_and_child_of_sumos_format() -> None:
     space = "{http://www.w3.org/2001/XMLSchema}"
     root = ET.parse(XSD).getroot()
     for element, treatments in TREATMENTS.items():
-        [kind] = [
-            each
-            for each in root.iter(f"{space}complexType")
-            if each.get("name") == f"{element}Type"
-        ]
+        kinds = root.iter(f"{space}complexType")
+        [kind] = [each for each in kinds if each.get("name") == f"{element}Type"]
         attributes = {each.attrib["name"] for each in kind.iter(f"{space}attribute")}
         children = {each.attrib["name"] for each in kind.iter(f"{space}element")} - {"lane"}
         assert attributes | children == {*" ".join(treatments).split()}
@@ -83,9 +80,7 @@ def test_an_attribute_that_is_new_to_the_list_is_named() -> None:
 def reported(folder: Path, old: str, new: str) -> tuple[str, ...]:
     """What is left out of a chain of two edges of which a text of the network is changed."""
     net = chain(folder, Part(2), Part(2))
-    text = net.read_text()
-    assert old in text
-    net.write_text(text.replace(old, new, 1))
+    replace_in(net, old, new)
     return along(net, 1).leaves_out
 
 
@@ -116,8 +111,8 @@ def test_a_value_that_sumo_obeys_and_the_road_lacks_is_named(
 
 def test_a_connection_that_is_closed_to_cars_leads_nowhere(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(2), Part(2))
-    text, way = net.read_text(), '<connection from="e0" to="e1" fromLane="0" toLane="0"'
-    net.write_text(text.replace(way, f'{way} disallow="passenger"', 1))
+    way = '<connection from="e0" to="e1" fromLane="0" toLane="0"'
+    replace_in(net, way, f'{way} disallow="passenger"')
     ends = [(part.lane, part.end_m) for part in along(net, 1).plan().road.partial_lanes]
     assert ends == [(0, pytest.approx(502.0, abs=1.0)), (0, float("inf"))]  # and one begins there
 
@@ -125,8 +120,7 @@ def test_a_connection_that_is_closed_to_cars_leads_nowhere(tmp_path: Path) -> No
 @pytest.mark.parametrize("word", ["1", "yes"])
 def test_an_acceleration_lane_stays_one(word: str, tmp_path: Path) -> None:
     net = chain(tmp_path, Part(2, lane='<lane index="0" acceleration="true"/>'), Part(2))
-    net.write_text(net.read_text().replace('acceleration="1"', f'acceleration="{word}"'))
-    assert f'acceleration="{word}"' in net.read_text()
+    replace_in(net, 'acceleration="1"', f'acceleration="{word}"')
     write_scenario(tmp_path / "road", along(net, 1))
     written = ET.parse(tmp_path / "road" / "highway.net.xml").iter("lane")
     assert [lane.attrib["id"] for lane in written if "acceleration" in lane.attrib] == ["e0_0"]
@@ -134,7 +128,7 @@ def test_an_acceleration_lane_stays_one(word: str, tmp_path: Path) -> None:
 
 def test_an_edge_with_a_function_is_no_part_of_a_route(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(2), Part(2), Part(2))
-    net.write_text(net.read_text().replace('id="e1" ', 'id="e1" function="connector" ', 1))
+    replace_in(net, 'id="e1" ', 'id="e1" function="connector" ')
     with pytest.raises(ScenarioError, match="no way leads cars from edge 'e0' to edge 'e2'"):
         along(net, 2)
 
@@ -220,9 +214,8 @@ def test_the_limit_of_cars_is_carried_and_that_of_trucks_named(
 def curved(folder: Path, radius_m: float) -> Path:
     """A road of 600 m, a quarter of a circle, and 600 m, all one edge."""
 
-    arc = [
-        (600 + radius_m * sin(pi * k / 40), radius_m * (1 - cos(pi * k / 40))) for k in range(21)
-    ]
+    turned = [pi * k / 40 for k in range(21)]
+    arc = [(600 + radius_m * sin(angle), radius_m * (1 - cos(angle))) for angle in turned]
     last = 600 + radius_m
     shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in [(0, 0), *arc, (last, last)])
     road = edge("C", "a", "b", 2, 36, f'shape="{shape}"')
@@ -356,12 +349,9 @@ def test_plain_sumo_changes_lanes_on_the_road_as_on_the_users_network(
     write_scenario(tmp_path / "road", described(net, "S", "S"))
     layout = load_scenario(tmp_path / "road").layout
     own = changes(net, lambda name: int(name.rpartition("_")[2]), "S", tmp_path)
-    made = changes(
-        tmp_path / "road" / "highway.net.xml",
-        lambda name: layout.lane_positions[name][0],
-        " ".join(layout.routes["way"]),
-        tmp_path,
-    )
+    way, places = " ".join(layout.routes["way"]), layout.lane_positions
+    written = tmp_path / "road" / "highway.net.xml"
+    made = changes(written, lambda name: places[name][0], way, tmp_path)
     assert (own > 0, made > 0) == (some, some)
 
 
@@ -383,9 +373,8 @@ def test_a_closed_lane_is_no_lane(tmp_path: Path) -> None:
     description = along(net, 1)
     assert description.lanes == 2
     assert description.plan().road.partial_lanes == ()
-    assert [phrase for phrase in description.leaves_out if "closed" in phrase] == [
-        "lanes closed to cars, lane 'e0_0' and 3 more"
-    ]
+    closed = [phrase for phrase in description.leaves_out if "closed" in phrase]
+    assert closed == ["lanes closed to cars, lane 'e0_0' and 3 more"]
     kept(description, tmp_path)
 
 
@@ -420,9 +409,9 @@ def test_a_motorway_from_openstreetmap_is_closed_to_nobody_who_is_usual_there() 
 
 def test_a_lane_for_cars_alone_is_named(tmp_path: Path) -> None:
     lane = '<lane index="0" allow="passenger"/>'
-    assert along(chain(tmp_path, Part(2, lane=lane), Part(2)), 1).leaves_out == (
-        "that motorcycle, bus, coach, delivery, truck, trailer may not use lane 'e0_0'",
-    )
+    [phrase] = along(chain(tmp_path, Part(2, lane=lane), Part(2)), 1).leaves_out
+    others = "motorcycle, bus, coach, delivery, truck, trailer"
+    assert phrase == f"that {others} may not use lane 'e0_0'"
 
 
 def test_a_shoulder_that_opens_is_a_lane_that_begins(tmp_path: Path) -> None:
@@ -481,16 +470,12 @@ def test_a_route_that_gives_way_to_as_many_lanes_is_refused(tmp_path: Path) -> N
 def lights(net: Path, motorway: str) -> Path:
     """The same network, whose lights show these states to the motorway in two phases."""
     text = net.read_text()
-    links = {
-        int(found[1]) for found in re.finditer(r'<connection from="M1"[^>]*linkIndex="(\d+)"', text)
-    }
-    every = len(re.findall(r'linkIndex="\d+"', text))
-    phases = "".join(
-        '<phase duration="30" state="'
-        + "".join(state if link in links else "r" for link in range(every))
-        + '"/>'
-        for state in motorway
-    )
+    links = re.findall(r'<connection from="M1"[^>]*linkIndex="(\d+)"', text)
+    every = [str(link) for link in range(len(re.findall(r'linkIndex="\d+"', text)))]
+    phases = ""
+    for state in motorway:
+        shown = "".join(state if link in links else "r" for link in every)
+        phases += f'<phase duration="30" state="{shown}"/>'
     net.write_text(re.sub(r"(<tlLogic[^>]*>).*?(</tlLogic>)", rf"\1{phases}\2", text, flags=re.S))
     return net
 
@@ -539,10 +524,8 @@ def test_the_motorway_is_never_taken_for_an_exit(tmp_path: Path) -> None:
 def test_the_roads_that_join_and_leave_a_route_are_left_out_by_their_number(tmp_path: Path) -> None:
     net = weaving(tmp_path)
     joins = "1 road that joins it, with its traffic"
-    whole = described(net, "M1", "M3")
-    assert whole.leaves_out == (
-        "1 road that joins it and 1 road that leaves it, with their traffic",
-    )
+    whole, both = described(net, "M1", "M3"), "1 road that joins it and 1 road that leaves it"
+    assert whole.leaves_out == (f"{both}, with their traffic",)
     assert whole.summary.endswith(f"\nLeft out: {whole.leaves_out[0]}.")
     # where the route leaves the motorway, that goes on
     leaving, *others = described(net, "M1", "off").leaves_out
@@ -555,10 +538,8 @@ def test_the_roads_that_join_and_leave_a_route_are_left_out_by_their_number(tmp_
 
 def test_a_lane_with_a_point_that_is_no_number_is_refused(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(1), Part(1))
-    text = net.read_text()
-    lane = re.search(r'<lane id="e0_0"[^>]* shape="', text)
-    assert lane is not None
-    net.write_text(text.replace(lane[0], f"{lane[0]}nan,0 "))
+    [lane] = re.findall(r'<lane id="e0_0"[^>]* shape="', net.read_text())
+    replace_in(net, lane, f"{lane}nan,0 ")
     with pytest.raises(ScenarioError, match="a lane has the point 'nan,0'"):
         along(net, 1)
 
@@ -566,9 +547,8 @@ def test_a_lane_with_a_point_that_is_no_number_is_refused(tmp_path: Path) -> Non
 def test_traffic_on_the_left_is_driven_in_the_mirror(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(3), Part(3), options=["--lefthand", "true"])
     description = along(net, 1)
-    assert description.leaves_out == (
-        "that its traffic drives on the left: the road is its mirror image",
-    )
+    [phrase] = description.leaves_out
+    assert phrase == "that its traffic drives on the left: the road is its mirror image"
     shape = description.plan().edges[-2].shape
     assert shape[-1][1] < shape[0][1]  # the network bends to the left
     kept(description, tmp_path)
@@ -585,7 +565,7 @@ def test_a_network_is_read_in_the_encoding_that_it_declares(encoding: str, tmp_p
 
 def test_an_unknown_encoding_is_named(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(2), Part(2))
-    net.write_text(net.read_text().replace('encoding="UTF-8"', 'encoding="klingon"', 1))
+    replace_in(net, 'encoding="UTF-8"', 'encoding="klingon"')
     with pytest.raises(ScenarioError, match=r"encoding that Python does not know .*klingon"):
         along(net, 1)
 
@@ -595,8 +575,7 @@ def test_a_projection_and_heights_are_left_out_by_name(tmp_path: Path) -> None:
     level = converted(tmp_path, node("a", 0, 0) + node("b", 900, 0), road, None)
     assert described(level, "L", "L").leaves_out == ()
     hill = converted(tmp_path, node("a", 0, 0) + node("b", 900, 0, 'z="20"'), road, None)
-    text = hill.read_text().replace('projParameter="!"', 'projParameter="+proj=utm +zone=32"')
-    hill.write_text(text)
+    replace_in(hill, 'projParameter="!"', 'projParameter="+proj=utm +zone=32"')
     assert described(hill, "L", "L").leaves_out == (
         "its projection: SUMO's outputs have no longitudes and latitudes",
         "its heights: the road is level",
@@ -605,8 +584,7 @@ def test_a_projection_and_heights_are_left_out_by_name(tmp_path: Path) -> None:
 
 def test_what_was_made_of_a_route_is_said_and_kept_in_the_folder(tmp_path: Path) -> None:
     net = chain(tmp_path, Part(3), Part(2), ways=["e0 1 e1 0", "e0 2 e1 1"])
-    text = net.read_text().replace('id="e0_0" ', 'id="e0_0" friction="0.50" ', 1)
-    net.write_text(text)
+    replace_in(net, 'id="e0_0" ', 'id="e0_0" friction="0.50" ')
     description = along(net, 1)
     length_m = description.way.end_m
     assert description.summary == (

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 import pytest
+from runs import replace_in
 
 from drl_av.errors import ScenarioError
 from drl_av.scenarios import folder_files
@@ -16,10 +17,7 @@ TYPES, NETWORK_FILE, VIEW = "vehicle_types.add.xml", "highway.net.xml", "view.xm
 
 def spoil(folder: Path, name: str, old: str, new: str) -> None:
     """Change a file and its checksum, as the author of a hostile folder would."""
-    file = folder / name
-    text = file.read_text(encoding="utf-8")
-    assert old in text
-    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    replace_in(folder / name, old, new)
     found = {path.name for path in folder.iterdir()} & set(folder_files.ALL_FILES)
     sums = folder_files.checksums({name: (folder / name).read_bytes() for name in found})
     (folder / folder_files.CHECKSUMS_FILE).write_text(sums, encoding="utf-8")

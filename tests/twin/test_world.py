@@ -8,7 +8,7 @@ import pytest
 from drives import hash_of
 from nets import A10, EAST
 from programs import python
-from runs import Capsys
+from runs import Capsys, replace_in
 
 import drl_av
 from drl_av.cli import main
@@ -143,8 +143,7 @@ def test_what_the_twin_cannot_do_is_refused(tmp_path: Path, capsys: Capsys) -> N
     edited = tmp_path / "edited"
     assert main(["scenario", str(edited)]) == 0
     (edited / "SHA256SUMS").unlink()
-    types = edited / "vehicle_types.add.xml"
-    types.write_text(types.read_text().replace('decel="4', 'decel="4.4', 1))
+    replace_in(edited / "vehicle_types.add.xml", 'decel="4', 'decel="4.4')
     with pytest.raises(ConfigError, match=r"know changes of vehicle_types\.add\.xml other than"):
         HighwayEnv(edited, config=TWIN)
     for given in ({"render_mode": "human"}, {"sumo_options": "--fcd-output fcd.xml"}):
