@@ -30,15 +30,8 @@ from drl_av.simulation.population import (
 )
 
 TRAFFIC, EGO = TrafficConfig(), EgoConfig()
-ROADS = st.sampled_from(
-    [
-        ROAD,
-        BARRICADED_ROAD,
-        LONG_ROAD,
-        Road(600.0, LANE_M, (True,) * 3),
-        Road(150.0, LANE_M, (True,)),
-    ]
-)
+OTHERS = Road(600.0, LANE_M, (True,) * 3), Road(150.0, LANE_M, (True,))
+ROADS = st.sampled_from([ROAD, BARRICADED_ROAD, LONG_ROAD, *OTHERS])
 
 
 def draw(
@@ -164,17 +157,13 @@ def test_placed_vehicles_keep_their_places_with_the_ego_first() -> None:
     assert population.headway_s.tolist() == pytest.approx([1.1] * 3)
 
 
-def test_placed_vehicles_without_an_ego_are_refused() -> None:
-    with pytest.raises(
-        ScenarioError, match=r'places 1 vehicle but not the ego: place one .* "ego"'
-    ):
-        placed_population((PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),), TRAFFIC)
-
-
-def test_no_scenario_of_placed_vehicles_is_written_without_an_ego(tmp_path: Path) -> None:
-    alone = ScenarioDescription(vehicles=(PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),))
-    with pytest.raises(ScenarioError, match="places 1 vehicle but not the ego"):
-        write_scenario(tmp_path / "alone", alone)
+def test_placed_vehicles_without_an_ego_are_neither_driven_nor_written(tmp_path: Path) -> None:
+    alone = (PlacedVehicle("slow", 2, 40.0, 10.0, 12.0),)
+    told = r'places 1 vehicle but not the ego: place one .* "ego"'
+    with pytest.raises(ScenarioError, match=told):
+        placed_population(alone, TRAFFIC)
+    with pytest.raises(ScenarioError, match=told):
+        write_scenario(tmp_path / "alone", ScenarioDescription(vehicles=alone))
     assert not (tmp_path / "alone").exists()
 
 
@@ -327,16 +316,12 @@ def test_fast_overtakers_keep_to_the_speed_limit_where_there_are_any() -> None:
         require_speed_limit(config.updated("traffic", fast_share=0.1), road)
 
 
-@pytest.mark.parametrize(
-    ("section", "setting"),
-    [("traffic", "desired_speed_max_m_s"), ("ego", "max_speed_m_s")],
-)
-def test_a_setting_above_the_speed_limit_is_refused_by_its_name(section: str, setting: str) -> None:
-    road = ScenarioDescription(speed_limit_m_s=36.0)
+@pytest.mark.parametrize("words", ["traffic desired_speed_max_m_s", "ego max_speed_m_s"])
+def test_a_setting_above_the_speed_limit_is_refused_by_its_name(words: str) -> None:
+    road, (section, setting) = ScenarioDescription(speed_limit_m_s=36.0), words.split()
     require_speed_limit(Config().updated(section, **{setting: 36.0}), road)
-    with pytest.raises(
-        ConfigError, match=rf"{section}\.{setting} is 36\.5, .* speed_limit_m_s is 36:"
-    ):
+    told = rf"{section}\.{setting} is 36\.5, .* speed_limit_m_s is 36:"
+    with pytest.raises(ConfigError, match=told):
         require_speed_limit(Config().updated(section, **{setting: 36.5}), road)
 
 
