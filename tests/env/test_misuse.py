@@ -104,18 +104,13 @@ def test_results_name_the_check_that_was_handed_in() -> None:
     assert drive(env, driver, "idm", 1, 2).safety_check == "permit_all"
 
 
-def test_training_refuses_more_vehicles_than_fit_before_it_begins() -> None:
-    config = SHORT.updated("traffic", vehicles_max=500)
-    with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
-        HighwayEnv(config=config).require_room()
-
-
-def test_a_number_of_vehicles_is_drawn_only_if_all_of_its_range_fit() -> None:
+def test_a_number_is_drawn_and_a_training_begun_only_if_all_of_the_range_fit() -> None:
     # 113 fit; the first draw, 1 or 2 of 500, would hardly ever be too many
     config = SHORT.updated("traffic", vehicles_min=1, vehicles_max=500)
     with HighwayEnv(config=config) as env:
-        with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
-            env.reset(seed=1)
+        for refused in (env.require_room, lambda: env.reset(seed=1)):
+            with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
+                refused()
         assert env.reset(seed=1, options={"vehicles": 3})[1]["vehicles"] == 3
         with pytest.raises(ConfigError):
             env.reset(seed=2)
@@ -132,12 +127,9 @@ def test_a_name_too_long_for_a_file_is_refused_as_any_other(name: str) -> None:
         find_drivers([name])
 
 
-def test_a_folder_with_the_name_of_a_shipped_scenario_is_named_by_its_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "straight").mkdir()
-    write_scenario(tmp_path / "merge", ScenarioDescription(circumference_m=600.0))
+def test_a_folder_with_the_name_of_a_shipped_scenario_is_named_by_its_path(here: Path) -> None:
+    (here / "straight").mkdir()
+    write_scenario(here / "merge", ScenarioDescription(circumference_m=600.0))
     for name, is_loop in (("straight", False), ("merge", False), ("./merge", True)):
         with HighwayEnv(scenario=name, config=SHORT) as env:
             assert env.road.is_loop is is_loop
