@@ -16,6 +16,7 @@ from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import SHIPPED, load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
+from drl_av.learning.algorithm_1 import build_training
 from drl_av.learning.run_folder import open_training, warm_start
 
 TRAINED = """
@@ -157,9 +158,7 @@ def test_the_paper_s_driver_brings_its_policy_and_waits_for_experience(
     tmp_path: Path, capsys: Capsys
 ) -> None:
     settings = tmp_path / "short.toml"
-    settings.write_text(
-        "[simulation]\ndecisions_per_episode = 5\n[learning]\nevaluation_episodes = 1\n"
-    )
+    settings.write_text("simulation.decisions_per_episode=5\nlearning.evaluation_episodes=1\n")
     out = tmp_path / "adapted"
     words = ["adapt", "--out", str(out), "--episodes", "2", "--config", str(settings)]
     assert main(words) == 0
@@ -169,23 +168,17 @@ def test_the_paper_s_driver_brings_its_policy_and_waits_for_experience(
         np.testing.assert_array_equal(tensors(out)[f"learner.{name}"], network.flat)
     assert tensors(out)["learner.step"] == 0
     assert len(tensors(out)["buffer.safe.rows"]) == 10
-    message = (
-        "pretrained-paper comes without the experience of its training: it learns from 64 collision"
-    )
-    assert message in capsys.readouterr().err
+    without = "pretrained-paper comes without the experience of its training"
+    assert f"{without}: it learns from 64 collision" in capsys.readouterr().err
 
 
 def test_a_policy_file_of_another_name_comes_without_the_experience_beside_it(
     trained: Path, quick: str, tmp_path: Path
 ) -> None:
-    for name, copied in (
-        ("policy.safetensors", "best.safetensors"),
-        ("checkpoint.safetensors", "checkpoint.safetensors"),
-    ):
-        shutil.copy(trained / name, tmp_path / copied)
-    out = tmp_path / "adapted"
-    file = str(tmp_path / "best.safetensors")
-    assert main(["adapt", file, "--out", str(out), "--config", quick, "--episodes", "1"]) == 0
+    out, best = tmp_path / "adapted", tmp_path / "best.safetensors"
+    shutil.copy(trained / "policy.safetensors", best)
+    shutil.copy(trained / "checkpoint.safetensors", tmp_path)
+    assert main(["adapt", str(best), "--out", str(out), "--config", quick, "--episodes", "1"]) == 0
     driven = int(rows(out)[0]["decisions"])
     assert 0 < len(tensors(out)["buffer.safe.rows"]) <= driven
 
@@ -224,10 +217,7 @@ def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
     ],
 )
 def test_a_policy_that_cannot_be_adapted_is_reported_and_leaves_nothing_behind(
-    words: list[str],
-    message: str,
-    here: Path,
-    capsys: Capsys,
+    words: list[str], message: str, here: Path, capsys: Capsys
 ) -> None:
     (here / "narrow.toml").write_text("[learning]\nhidden_units = 7\n")
     (here / "blind.toml").write_text("[observation]\nrange_m = 100\n")
@@ -265,9 +255,6 @@ def test_experience_of_another_replay_is_not_dropped_in_silence(
 
 
 def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> None:
-    from drl_av.learning.algorithm_1 import build_training
-    from drl_av.learning.run_folder import warm_start
-
     folder = Path(shutil.copytree(trained, tmp_path / "copy"))
     shutil.copy(folder / "policy.safetensors", folder / "checkpoint.safetensors")
     env = HighwayEnv(config=load_config(folder / "config.toml"))
@@ -277,9 +264,8 @@ def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> 
 
 
 def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
-    quick: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
+    quick: str, here: Path, capsys: Capsys
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text("def one(transition):\n    return 1.0\n")
     Path("trained.toml").write_text(TRAINED)
     words = ["train", "--out", "paid", "--config", "trained.toml", "--reward", "mine:one"]
@@ -291,10 +277,9 @@ def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
     assert not Path("on").exists()
     words = [*again, "--reward", "mine:one"]
     capsys.readouterr()
-    assert main([*words, "-o", "learning.discount=0.5"]) == 1
-    assert "[reward] and learning.discount of its config.toml" in error_message(capsys)
-    assert main([*words, "-o", "reward.collision_reward=-30"]) == 1
-    assert "[reward] and learning.discount of its config.toml" in error_message(capsys)
+    for setting in ("learning.discount=0.5", "reward.collision_reward=-30"):
+        assert main([*words, "-o", setting]) == 1
+        assert "[reward] and learning.discount of its config.toml" in error_message(capsys)
     assert main([*words, "--sumo-options=--no-such-option 3"]) == 1
     assert "--resume" in error_message(capsys)
     assert main(["adapt", "--out", "on", "--resume"]) == 1

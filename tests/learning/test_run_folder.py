@@ -49,8 +49,7 @@ MOMENTS = {
     "before the policy is named": f"at_call(os, 'replace', 1, {KILL})",
     "between policy and checkpoint": f"at_call(os, 'replace', 2, {KILL})",
     "before the checkpoint is on disk": f"at_call(os, 'fsync', 7, {KILL})",
-    "after a row, before its evaluation": "at_call(run_folder.Run, "
-    f"'append', 3, {KILL}, after=True)",
+    "between row and evaluation": f"at_call(run_folder.Run, 'append', 3, {KILL}, after=True)",
     "in an evaluation": f"at_call(HighwayEnv, 'reset', 5, {KILL})",
 }
 
@@ -116,9 +115,8 @@ def test_sumo_that_ends_on_its_own_is_reported_with_the_command_to_continue(
     assert ended.returncode == 1
     message = one_sentence(ended.stderr)
     assert "SUMO ended on its own" in message
-    assert (
-        f"continues from its last checkpoint with: drl-av train --out {folder} --resume." in message
-    )
+    again = f"drl-av train --out {folder} --resume."
+    assert f"continues from its last checkpoint with: {again}" in message
     assert interrupted("", command(folder, "--resume")).returncode == 0
     assert files_of(folder) == files_of(left_alone)
 
@@ -145,18 +143,12 @@ def test_resuming_a_finished_run_does_nothing(copy: Path) -> None:
     assert {path.name: path.stat().st_mtime_ns for path in copy.iterdir()} == before
 
 
-def test_resuming_a_finished_run_writes_a_policy_that_is_gone(copy: Path) -> None:
+def test_resuming_a_finished_run_writes_a_policy_that_is_gone_or_damaged(copy: Path) -> None:
     before = files_of(copy)
-    (copy / "policy.safetensors").unlink()
-    assert main(command(copy, "--resume")) == 0
-    assert files_of(copy) == before
-
-
-def test_resuming_a_finished_run_writes_a_policy_that_is_damaged(copy: Path) -> None:
-    before = files_of(copy)
-    os.truncate(copy / "policy.safetensors", 40_000)
-    assert main(command(copy, "--resume")) == 0
-    assert files_of(copy) == before
+    for spoil in (os.remove, lambda file: os.truncate(file, 40_000)):
+        spoil(copy / "policy.safetensors")
+        assert main(command(copy, "--resume")) == 0
+        assert files_of(copy) == before
 
 
 def test_a_training_does_not_go_on_upon_another_road(
@@ -176,8 +168,7 @@ def test_a_training_does_not_go_on_upon_another_road(
 @pytest.mark.parametrize(
     ("limit", "mode", "reason"),
     [
-        (30_000, 0o755, "File too large"),
-        (100_000, 0o755, "File too large"),
+        *((size, 0o755, "File too large") for size in (30_000, 100_000)),
         (None, 0o555, "Permission denied"),
     ],
 )
