@@ -57,12 +57,16 @@ def refused(path: Path, sentence: str, space: Any = None) -> None:
         loaded(path, space)
 
 
+def untrained(env: Any, path: Path, policy: str = "MlpPolicy") -> Path:
+    """The file of an agent that has the spaces of an environment, and has learned nothing."""
+    with env:
+        PPO(policy, env, device="cpu", n_steps=2, batch_size=2).save(path)
+    return path
+
+
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("agents") / "agent.zip"
-    with HighwayEnv(config=SHORT) as env:
-        PPO("MlpPolicy", env, device="cpu").save(path)
-    return path
+    return untrained(HighwayEnv(config=SHORT), tmp_path_factory.mktemp("agents") / "agent.zip")
 
 
 def changed(source: Path, target: Path, change: Callable[[dict[str, Any]], None]) -> Path:
@@ -223,9 +227,7 @@ def test_statistics_beside_the_zip_are_used_and_missing_ones_are_asked_for(tmp_p
     assert differ > 0, "raw observations would do as well"
 
 
-def test_normalized_observations_within_the_bounds_are_not_taken_for_raw_ones(
-    tmp_path: Path,
-) -> None:
+def test_normalized_observations_within_the_bounds_are_not_taken_for_raw(tmp_path: Path) -> None:
     # of DQN the zip holds the raw and the normalized observation, with VecNormalize and without
     with closing(HighwayEnv(config=SHORT)) as env:
         normalized = VecNormalize(DummyVecEnv([lambda: env]), clip_obs=0.9)
@@ -261,10 +263,8 @@ def test_an_agent_of_normalized_observations_without_statistics_is_refused(tmp_p
 
 
 def test_an_agent_of_the_wide_observation_is_told_to_drive_with_it(tmp_path: Path) -> None:
-    env = HighwayEnv(observation="wide")
-    PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    sentence = r"shape \(132,\) .*: drive with --observation wide \(observation=\), as"
-    refused(tmp_path / "a.zip", sentence)
+    path = untrained(HighwayEnv(observation="wide"), tmp_path / "a.zip")
+    refused(path, r"shape \(132,\) .*: drive with --observation wide \(observation=\), as")
 
 
 class Gaps:
@@ -321,9 +321,7 @@ def test_an_agent_of_any_observation_drives_with_it(observation: Any, tmp_path: 
     assert found[0].mean_reward == pytest.approx(np.mean(rewards), rel=1e-12)
 
 
-def test_statistics_of_an_observation_without_bounds_are_used_or_asked_about(
-    tmp_path: Path,
-) -> None:
+def test_statistics_of_an_observation_without_bounds_are_used_or_asked_for(tmp_path: Path) -> None:
     for kind, policy in ((Unbounded(), "MlpPolicy"), (Named(), "MultiInputPolicy")):
         env = VecNormalize(DummyVecEnv([lambda k=kind: HighwayEnv(config=SHORT, observation=k)]))
         model = learned(env, tmp_path / "p.zip", policy)
@@ -342,8 +340,7 @@ def test_statistics_of_an_observation_without_bounds_are_used_or_asked_about(
 
 
 def test_a_dictionary_with_other_keys_is_another_observation(tmp_path: Path) -> None:
-    env = HighwayEnv(observation=Named())
-    PPO("MultiInputPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
+    untrained(HighwayEnv(observation=Named()), tmp_path / "a.zip", "MultiInputPolicy")
     for here in ({"other": Gaps.space}, {"gaps": gymnasium.spaces.Box(-1, 1, (4,))}):
         space = gymnasium.spaces.Dict(here)
         refused(tmp_path / "a.zip", r"with Dict\('gaps': .*, but drives with Dict\(", space)
@@ -352,47 +349,39 @@ def test_a_dictionary_with_other_keys_is_another_observation(tmp_path: Path) -> 
 @pytest.mark.parametrize("most", [0.0, -1.0])
 def test_an_agent_of_rescaled_observations_is_refused(tmp_path: Path, most: float) -> None:
     """A wrapper that keeps the shape changes the bounds alone."""
-    env = RescaleObservation(HighwayEnv(config=SHORT), np.float32(most), np.float32(1.0))
-    PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    refused(tmp_path / "a.zip", "that does what its wrapper did, such as RescaleObservation")
+    bounds = np.float32(most), np.float32(1.0)
+    path = untrained(RescaleObservation(HighwayEnv(config=SHORT), *bounds), tmp_path / "a.zip")
+    refused(path, "that does what its wrapper did, such as RescaleObservation")
     own = HighwayEnv(config=SHORT, observation=Gaps())
-    rescaled = RescaleObservation(own, np.float32(most), np.float32(1.0))
-    PPO("MlpPolicy", rescaled, n_steps=2, batch_size=2).save(tmp_path / "b.zip")
-    sentence = r"was trained with Box\(.*, but drives with Box\(-250"
-    refused(tmp_path / "b.zip", sentence, Gaps.space)
+    path = untrained(RescaleObservation(own, *bounds), tmp_path / "b.zip")
+    refused(path, r"was trained with Box\(.*, but drives with Box\(-250", Gaps.space)
 
 
 @pytest.mark.parametrize("setting", ["gap_scale_m", "speed_scale_m_s", "range_m"])
-def test_an_agent_that_learned_with_another_scaling_is_refused(
-    setting: str, tmp_path: Path
-) -> None:
-    with HighwayEnv(config=SHORT.updated("observation", **{setting: 50.0})) as env:
-        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    refused(tmp_path / "a.zip", r"repeat the settings of \[observation\] or the groups")
+def test_an_agent_that_has_another_scaling_is_refused(setting: str, tmp_path: Path) -> None:
+    scaled = HighwayEnv(config=SHORT.updated("observation", **{setting: 50.0}))
+    path = untrained(scaled, tmp_path / "a.zip")
+    refused(path, r"repeat the settings of \[observation\] or the groups")
 
 
 def test_an_agent_of_the_same_indicators_in_another_order_is_refused(tmp_path: Path) -> None:
-    with HighwayEnv(config=SHORT, observation=("ego", *[*GROUPS][:6])) as env:
-        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    refused(tmp_path / "a.zip", r"or the groups of its training")
+    env = HighwayEnv(config=SHORT, observation=("ego", *[*GROUPS][:6]))
+    refused(untrained(env, tmp_path / "a.zip"), r"or the groups of its training")
 
 
 def test_an_agent_of_a_road_with_more_lanes_drives_on_another(tmp_path: Path) -> None:
     write_scenario(tmp_path / "wide", ScenarioDescription(lanes=4, circumference_m=600.0))
-    with HighwayEnv(tmp_path / "wide", config=SHORT) as env:
-        assert env.observation_space.high[25] == pytest.approx(2 * env.road.lane_width_m / 3.8)
-        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    loaded(tmp_path / "a.zip").act(ALONE, np.zeros(27, np.float32))
+    env = HighwayEnv(tmp_path / "wide", config=SHORT)
+    assert env.observation_space.high[25] == pytest.approx(2 * env.road.lane_width_m / 3.8)
+    loaded(untrained(env, tmp_path / "a.zip")).act(ALONE, np.zeros(27, np.float32))
 
 
 def test_an_agent_of_another_observation_is_told_to_name_its_own(tmp_path: Path) -> None:
-    with HighwayEnv(config=SHORT, observation=("ego", "own_front")) as env:
-        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "a.zip")
-    refused(tmp_path / "a.zip", r"observation of its training \(evaluate --ob")
-    way = SHORT.updated("observation", way=True)
-    with HighwayEnv(config=way) as env:
-        PPO("MlpPolicy", env, n_steps=2, batch_size=2).save(tmp_path / "b.zip")
-    refused(tmp_path / "b.zip", r"set observation\.way as in its training")
+    two = HighwayEnv(config=SHORT, observation=("ego", "own_front"))
+    path = untrained(two, tmp_path / "a.zip")
+    refused(path, r"observation of its training \(evaluate --ob")
+    way = HighwayEnv(config=SHORT.updated("observation", way=True))
+    refused(untrained(way, tmp_path / "b.zip"), r"set observation\.way as in its training")
 
 
 def test_stacked_frames_have_a_remedy_that_helps(tmp_path: Path) -> None:
