@@ -32,18 +32,9 @@ EXIT = Road(
     OPEN_LAP_M, LANE_M, (True,) * 4, 1500.0, (PartialLane(0, 900.0, math.inf, 900.0, 1150.0),)
 )
 """A lane begins at 900 m beside three others, and parts from them at 1,150 m as an off-ramp."""
-NARROWING = Road(
-    OPEN_LAP_M,
-    LANE_M,
-    (True,) * 5,
-    1500.0,
-    (
-        PartialLane(0, 0.0, 800.0, 0.0, 800.0),
-        PartialLane(1, 0.0, 800.0, 0.0, 800.0),
-        PartialLane(4, 0.0, 900.0, 0.0, 900.0),
-        PartialLane(4, 1000.0, math.inf, 1000.0, math.inf),
-    ),
-)
+ENDS = ((0, 0.0, 800.0), (1, 0.0, 800.0), (4, 0.0, 900.0), (4, 1000.0, math.inf))
+PARTIAL = tuple(PartialLane(lane, begin, end, begin, end) for lane, begin, end in ENDS)
+NARROWING = Road(OPEN_LAP_M, LANE_M, (True,) * 5, 1500.0, PARTIAL)
 """Of five lanes the two on the right end at 800 m, and the left one at 900 m; it begins again."""
 LEAVE = replace(EXIT, exit_m=1150.0)
 """The same road where the off-ramp is the ego's way."""
@@ -151,12 +142,7 @@ def lateral_positions(worlds: list[Scene]) -> list[float]:
 ALONE = scene()
 SLOW_LEADER = scene(ahead(20.0, speed_m_s=15.0))
 """20 m ahead, closing 5 m/s: T_C is 4 s, and 20 - 3 * 5 = 5 is less than 15."""
-BOXED_IN = scene(
-    ahead(20.0, speed_m_s=15.0),
-    behind(20.0),
-    Car(0.0, RIGHT),
-    Car(0.0, LEFT),
-)
+BOXED_IN = scene(ahead(20.0, speed_m_s=15.0), behind(20.0), Car(0.0, RIGHT), Car(0.0, LEFT))
 """Slow ahead, close behind, one alongside at either side."""
 ACROSS_THE_SEAM = scene(ahead(5.0), behind(9.0), s_m=498.0)
 """The vehicle ahead is at 8 m of the loop, the ego at 498 m."""

@@ -219,10 +219,8 @@ def test_output_without_a_terminal_has_no_bar_and_a_table_of_whole_words(
     assert ended.returncode == 0
     first, *last = ended.stdout.splitlines()
     assert re.match(r"episode 2: greedy reward -\d", first)
-    assert last == [
-        f"{run}: 2 episodes; compare it with the driver idm:",
-        f"drl-av evaluate {run} idm",
-    ]
+    trained = f"{run}: 2 episodes; compare it with the driver idm:"
+    assert last == [trained, f"drl-av evaluate {run} idm"]
     assert ended.stderr.removeprefix(f"{NOTICE}\n") == ""
     words = ["evaluate", str(run), "idm", "--vehicles", "1", "30", "--episodes", "2"]
     ended = program("", *words, "--json", str(tmp_path / "summary.json"))

@@ -19,10 +19,7 @@ WRONG = [
     ("[trafic]\n", r"no section \[trafic\] \(did you mean 'traffic'\?\)"),
     ("[5]\n", r"no section \[5\]"),
     ("traffic = 5\n", "traffic must be a section"),
-    (
-        "[traffic]\nvehicle_max = 5\n",
-        r"no key 'vehicle_max' \(did you mean 'vehicles_max'\?\)",
-    ),
+    ("[traffic]\nvehicle_max = 5\n", r"no key 'vehicle_max' \(did you mean 'vehicles_max'\?\)"),
     (
         "[traffic]\nvehicles_max = 5.0\n",
         "traffic.vehicles_max is 5.0, but must be a whole number from",
@@ -80,11 +77,7 @@ def test_numbers_of_numpy_and_paths_become_what_a_file_would_hold() -> None:
     ("key", "value", "message"),
     [
         ("vehicles_max", np.float64(5.0), r"vehicles_max is 5.0, but must be a whole number from"),
-        (
-            "vehicles_max",
-            np.array([5]),
-            r"vehicles_max is array\(\[5\]\), but must be a whole",
-        ),
+        ("vehicles_max", np.array([5]), r"vehicles_max is array\(\[5\]\), but must be a whole"),
         ("vehicles_max", np.bool_(True), "vehicles_max is True, but must be a whole number from"),
         ("headway_min_s", np.float64("nan"), "headway_min_s is nan, but must be a number from"),
         ("kind", ["calm"], r"no kind of traffic \['calm'\]"),

@@ -253,9 +253,7 @@ except RecordingError as error:
 
 
 @pytest.mark.parametrize("name", ["ride.mp4", "ride.gif"])
-def test_full_disk_is_reported_in_one_sentence_and_leaves_nothing(
-    tmp_path: Path, name: str
-) -> None:
+def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path, name: str) -> None:
     ended = python("-c", FULL_DISK, tmp_path / name)
     assert ended.returncode == 0, ended.stderr
     assert "check that the disk has room" in ended.stdout

@@ -55,20 +55,10 @@ def test_learned_drivers_are_no_baselines() -> None:
 def test_runs_of_one_name_are_distinguished_and_drivers_mix(tmp_path: Path) -> None:
     a, b, c = (run_folder(tmp_path / name) for name in ("a/run", "b/run", "other"))
     specs = find_drivers([str(a), "idm", str(b), str(c), "idm", "random"])
-    assert specs == (
-        DriverSpec(str(a), a),
-        DriverSpec("idm", None),
-        DriverSpec(str(b), b),
-        DriverSpec("other", c),
-        DriverSpec("random", None),
-    )
-    assert list(make_drivers(specs, default_config(specs))) == [
-        str(a),
-        "idm",
-        str(b),
-        "other",
-        "random",
-    ]
+    runs = [(str(a), a), ("idm", None), (str(b), b), ("other", c), ("random", None)]
+    assert [*specs] == [DriverSpec(*run) for run in runs]
+    made = make_drivers(specs, default_config(specs))
+    assert [*made] == [str(a), "idm", str(b), "other", "random"]
     assert find_drivers(["pretrained"]) == (DriverSpec("pretrained", PRETRAINED),)
 
 

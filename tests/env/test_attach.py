@@ -184,9 +184,7 @@ def test_a_driver_of_the_user_holds_its_speed_too(net: Path, hold_s: float, prop
     assert decision["proposed_action"] == proposes
 
 
-def test_it_enters_an_edge_within_its_limit_and_goes_when_the_vehicle_has_arrived(
-    net: Path,
-) -> None:
+def test_it_enters_an_edge_within_its_limit_and_goes_when_the_vehicle_arrives(net: Path) -> None:
     begin(net, car("ego", 2, 460, 30))
     ego = drl_av.attach(sumo, "ego", Does(), "permit_all")
     speeds, fastest_on = [], 0.0
@@ -209,9 +207,8 @@ def test_a_lane_that_is_closed_to_the_vehicle_s_class_does_not_exist(tmp_path: P
 
 
 def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane(net: Path) -> None:
-    long = (
-        '<vType id="long" length="18" maxSpeed="5" speedFactor="1"/><route id="away" edges="off"/>'
-    )
+    long = '<vType id="long" length="18" maxSpeed="5" speedFactor="1"/>'
+    long += '<route id="away" edges="off"/>'
     truck = car("truck", 0, 5, 5, "away").replace('type="car"', 'type="long"')
     begin(net, car("ego", 0, 550, 10) + truck, CAR + long)
     at_m, over_m = sumo.vehicle.getLanePosition("truck"), sumo.lane.getLength(":b_0_0")
@@ -339,9 +336,8 @@ def test_a_truck_that_leaves_over_a_short_edge_stays_in_sight(tmp_path: Path) ->
 
 def test_a_slow_lane_does_not_limit_the_next_one(tmp_path: Path) -> None:
     lane = '<lane index="0" speed="15" width="3.5"/></edge>'
-    edges = EDGES.replace(
-        'numLanes="3" speed="40" width="3.5"/>', f'numLanes="3" speed="28" width="3.5">{lane}'
-    )
+    usual, slower = 'numLanes="3" speed="40" width="3.5"/>', 'numLanes="3" speed="28" width="3.5">'
+    edges = EDGES.replace(usual, slower + lane)
     begin(build(tmp_path, edges), car("ego", 0, 100, 10, "off"))
     limits = attached()[1].road.speed_limits
     here = [next(each.limit_m_s for each in own if each.begin_m == 2.0**19) for own in limits]
@@ -505,9 +501,7 @@ def test_strict_is_refused_where_the_route_has_a_light_and_paper_drives(tmp_path
 
 
 def test_lanes_of_different_widths_are_refused(tmp_path: Path) -> None:
-    narrow = EDGES.replace(
-        'numLanes="2" speed="25" width="3.5"', 'numLanes="2" speed="25" width="3"'
-    )
+    narrow = EDGES.replace('speed="25" width="3.5"', 'speed="25" width="3"')
     begin(build(tmp_path, narrow), car("ego", 2, 100))
     with pytest.raises(SimulationError, match=r"'on_0' on the route of 'ego' is 3 m wide"):
         attached("gap-mobil")

@@ -70,10 +70,8 @@ def test_ego_that_has_changed_lanes_before_the_gore_takes_the_exit(placed: Place
 
 
 def test_another_vehicle_placed_in_the_deceleration_lane_takes_the_off_ramp(place: Place) -> None:
-    others = (
-        PlacedVehicle("in", 0, 1280.0, 20.0, 20.0),
-        PlacedVehicle("by", 1, 1280.0, 20.0, 20.0),
-    )
+    there = 1280.0, 20.0, 20.0
+    others = PlacedVehicle("in", 0, *there), PlacedVehicle("by", 1, *there)
     ego = PlacedVehicle("ego", 3, 1200.0, 20.0, 30.0)
     env = place(ego, *others, kind=ExitDescription, safety_check="paper")
     env.reset(seed=0)

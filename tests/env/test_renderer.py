@@ -87,10 +87,8 @@ def test_sumo_gui_gets_a_line_and_the_colours_of_each_scene() -> None:
     shown.step(REFUSED._replace(next_scene=scene(speed_m_s=18.0)))
     red, blue, magenta = (222, 53, 48), (66, 146, 240), (233, 64, 200)
     line = "hard brake, keep lane | rule: in_lane+lane_change | 18.0 m/s | reward -3.00"
-    assert calls == [
-        ("", {"ego": magenta, "vehicle1": red, "vehicle2": blue}),
-        (line, {"ego": magenta}),
-    ]
+    first = {"ego": magenta, "vehicle1": red, "vehicle2": blue}
+    assert calls == [("", first), (line, {"ego": magenta})]
     assert shown.render() is None
 
 

@@ -14,14 +14,8 @@ from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, read_description
 
 ACCELERATE = 1
-STORIES = (
-    "barricade",
-    "cut_in",
-    "fast_overtaker",
-    "lane_drop",
-    "stalled_vehicle",
-    "two_into_one_lane",
-)
+ROADS = "barricade", "lane_drop", "two_into_one_lane"
+STORIES = *ROADS, "cut_in", "fast_overtaker", "stalled_vehicle"
 
 
 class Told(NamedTuple):

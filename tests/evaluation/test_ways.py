@@ -55,10 +55,8 @@ def test_the_summary_of_all_densities_compares_with_the_same_rule_based_driver()
 
 def test_a_driver_that_misses_more_exits_fails_however_fast_it_is() -> None:
     mine = drives("mine", "xo" * 50, *[31.0, 32.0] * 50)
-    sumo, idm = (
-        drives("sumo", "x" + "o" * 99, *[22.0] * 100),
-        drives("idm", "x" * 100, *[30.0] * 100),
-    )
+    sumo = drives("sumo", "x" + "o" * 99, *[22.0] * 100)
+    idm = drives("idm", "x" * 100, *[30.0] * 100)
     [mine] = judge([*mine, *sumo, *idm])
     assert mine.failures == ("exit or merge",)
     assert str(mine).startswith("mine: FAIL (exit or merge) against sumo\n")

@@ -191,19 +191,8 @@ def test_appended_rows_follow_those_that_are_there(tmp_path: Path) -> None:
 
 
 def test_a_formula_in_a_text_is_written_harmlessly_and_read_back(tmp_path: Path) -> None:
-    names = [
-        "=1+1",
-        "+cmd",
-        "-2+3",
-        "@SUM(A1)",
-        "\tx",
-        "'=1",
-        "''@",
-        "'quoted'",
-        "idm",
-        "-",
-        "-0.5",
-    ]
+    formulas, escaped = ("=1+1", "+cmd", "-2+3", "@SUM(A1)", "\tx"), ("'=1", "''@", "'quoted'")
+    names = [*formulas, *escaped, "idm", "-", "-0.5"]
     write_table(tmp_path / "t.csv", ["driver"], [{"driver": name} for name in names])
     cells = [line.split(",")[0].strip('"') for line in (tmp_path / "t.csv").read_text().split("\n")]
     assert not [cell for cell in cells if cell[:1] in {*"=+-@\t"} and cell != "-0.5"]

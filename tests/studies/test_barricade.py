@@ -87,10 +87,8 @@ def test_only_the_unchecked_training_runs_into_the_barricade(
 
 def test_a_quick_form_is_as_short_as_its_settings_say() -> None:
     [first, *_] = barricade.barricade_plan(Options(config=("learning.episodes=3",))).calls
-    assert [(key["phase"], key["episode"]) for key in first.keys] == [
-        ("training", "3"),
-        ("trained", "3"),
-    ]
+    keys = [(key["phase"], key["episode"]) for key in first.keys]
+    assert keys == [("training", "3"), ("trained", "3")]
 
 
 def test_a_training_that_is_in_the_table_is_not_repeated(
