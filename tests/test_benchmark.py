@@ -133,5 +133,5 @@ def test_a_world_of_the_twin_takes_as_much_memory_as_its_arrays(monkeypatch):
     monkeypatch.syspath_prepend(str(TOOLS))
     measure = importlib.import_module("measure_twin")
     few, many = (measure.kib_a_world(vehicles, 2) for vehicles in (5, 30))
-    # 27 rows of x, 26 of z, 6 of the scene and 2 of before, 8 bytes each, for every vehicle
-    assert many - few == 25 * (27 + 26 + 6 + 2) * 8 / 1024
+    # 27 rows of x, 6 of the scene and 2 of before, 8 bytes each, and 26 of z, 4 each, a vehicle
+    assert many - few == 25 * ((27 + 6 + 2) * 8 + 26 * 4) / 1024
