@@ -34,6 +34,15 @@ def changed(config: Config, settings: Settings) -> Config:
     return from_sections(settings, config, "a study")
 
 
+def settings_of(drivers: Sequence[str]) -> Config:
+    """Return the settings with which ``drivers`` drive in a study that sets no others.
+
+    They are those of the first learned driver, or the defaults without one, with the check
+    ``paper``.
+    """
+    return default_config(find_drivers(drivers)).updated("safety", check="paper")
+
+
 class Options(NamedTuple):
     """The size of a study, its number of processes, and the folders of its files."""
 
@@ -83,17 +92,6 @@ class Options(NamedTuple):
         """Whether the user's files name a kind of traffic, so that another one below is lost."""
         kinds = (Config().with_traffic(kind) for kind in ("calm", "hazards"))
         return len({with_files(config, self.config).traffic for config in kinds}) == 1
-
-    def settings_of(self, drivers: Sequence[str]) -> Config:
-        """Return the settings with which ``drivers`` drive in a study.
-
-        They are those of the first learned driver, or the defaults without one, with the check
-        ``paper`` and the changes of the user's TOML files.
-
-        Raises ConfigError if a file or a setting in it is wrong.
-        """
-        config = default_config(find_drivers(drivers))
-        return self.with_files(config.updated("safety", check="paper"))
 
     def trainings(self, seeds: int) -> int:
         """Return the number of seeds of a training of which the study has ``seeds``."""

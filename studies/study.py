@@ -20,7 +20,7 @@ from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs
 from drl_av.files.table import Row
 from studies.engine import EpisodeCell
-from studies.options import Options, Plan, Settings, order_by
+from studies.options import Options, Plan, Settings, order_by, settings_of
 from studies.trainings import TrainingJob
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ class FileStudy:
         """Return the drivers that the study trains, in the order of the file."""
         found = []
         for template, own in self.file.get("trainings", {}).items():
-            base = _training_base(own["base"], options)
+            base = _training_base(own["base"])
             first, count = own.get("seeds", {}).get("first", 0), own.get("seeds", {}).get("count")
             seeds = [None] if count is None else [*range(first, first + options.trainings(count))]
             for seed in seeds:
@@ -196,7 +196,7 @@ class FileStudy:
         """Return the study's settings for ``drivers``, without those of a variant."""
         learned = [name for name in drivers if name.startswith("pretrained")]
         learned = learned or [name for name in self.drivers if name.startswith("pretrained")]
-        return options.settings(options.settings_of(learned), self.file.get("settings", {}))
+        return options.settings(settings_of(learned), self.file.get("settings", {}))
 
     def plan(self, options: Options) -> Plan:
         """Return what must be trained and driven (see ``studies.options.Study``)."""
@@ -297,11 +297,9 @@ def _traffic(kind: str | None) -> Settings:
     return {} if kind is None else {"traffic": {"kind": kind}}
 
 
-def _training_base(name: str, options: Options) -> Config:
+def _training_base(name: str) -> Config:
     """Return the settings of the shipped driver ``name``, or those of the preset ``name``."""
-    if name.startswith("pretrained"):
-        return options.settings_of([name])
-    return options.with_files(preset(name))
+    return settings_of([name]) if name.startswith("pretrained") else preset(name)
 
 
 def _checked(path: Path, part: str, content: Mapping[str, Any]) -> Mapping[str, Any]:
