@@ -46,7 +46,8 @@ def adaptation_plan(options: Options) -> Plan:
     jobs = []
     for seed in range(options.trainings(SEEDS)):
         own = trained.updated("learning", seed=seed)
-        origin = TrainingJob.whole("mixed_paper", own, options.runs / f"mixed_paper-{seed}")
+        folder, learning = options.runs / f"mixed_paper-{seed}", own.learning
+        origin = TrainingJob("mixed_paper", own, learning.episodes, folder, learning.evaluate_every)
         for variant, config in configs.items():
             folder, episodes = origin.folder / f"{variant}-{seed}", config.learning.episodes
             config = config.updated("learning", seed=seed)
@@ -73,13 +74,7 @@ def adaptation_table(folder: Path) -> str:
             triggers, reward, hits, collided = (
                 _means(found, begin, end) for found in curves[variant]
             )
-            means = [
-                f"{mean.value:.{digits}f} ± {mean.half_width:.{digits}f}"
-                for mean, digits in (
-                    (mean_with_interval(triggers), 3),
-                    (mean_with_interval(reward), 4),
-                )
-            ]
+            means = f"{mean_with_interval(triggers):.3f}", f"{mean_with_interval(reward):.4f}"
             driven = (end - begin) * len(triggers)
             counts = [round(hits.mean() * driven), round((collided - hits).mean() * driven)]
             lines.append([learning, f"{begin + 1:,} to {end:,}", *means, *map(str, counts)])

@@ -190,10 +190,10 @@ def barricade_table(folder: Path) -> str:
                 f"`{check}`",
                 str(len(learnt)),
                 f"{int(learnt[0][-1]['episode']):,}",
-                f"{hits.value:,.0f} ± {hits.half_width:,.0f}",
+                f"{hits:,.0f}",
                 f"{len(before)} of {len(learnt)}",
                 f"{np.mean(before):,.0f}" if before else "-",
-                f"{shares.value:.2f} ± {shares.half_width:.2f} %",
+                f"{shares:.2f} %",
                 f"{hit_later} of {driven_later}",
             ]
         )

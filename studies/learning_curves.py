@@ -5,7 +5,6 @@ replay instead of two buffers (Fig. 7), each in the traffic ``calm`` and in that
 latter are trained in the twin, the first two also in SUMO.
 """
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from operator import itemgetter
@@ -89,12 +88,12 @@ PANELS = {
 CHECKED = "mean_reward", "training_reward", "training_collisions"
 COMPARED = "mean_reward", "training_collisions", "collisions"
 """The columns in which trainings in SUMO are compared with those in the twin."""
-FEWEST = 5
-"""The least number of trainings of which an interval is drawn."""
 FEW = 10
 """The largest number of trainings that are drawn one by one."""
 WITHIN = 0.05, 0.95
 """The quantiles of more trainings than that, which are drawn as the ends of a band."""
+EARLY, EXPLORED, LEARNED = (300, 600), 5000, 1000
+"""The episodes between, until and after which the collisions in both worlds are told."""
 FIGURES = {
     "learning_check": (("paper", "permit_all"), CHECKED),
     "learning_mixed": (WORLDS, COMPARED),
@@ -251,10 +250,8 @@ def convergence(rows: Sequence[Row]) -> list[Row]:
 
 def last_episodes(rows: Iterable[Row]) -> dict[str, int]:
     """Return the last episode of each training of a variant, by its seed."""
-    last: dict[str, int] = {}
-    for row in rows:
-        last[row["seed"]] = max(last.get(row["seed"], 0), int(row["episode"]))
-    return last
+    seeds = grouped(rows, itemgetter("seed"))
+    return {seed: max(int(row["episode"]) for row in own) for seed, own in seeds.items()}
 
 
 def _summary(rows: Sequence[Row], variant: str) -> Row:
@@ -286,9 +283,8 @@ def convergence_table(folder: Path) -> str:
     for row in ResultsFolder(folder).rows("convergence.csv"):
         cells = [f"`{row['variant']}`", row["seeds"], f"{row['converged_at']} of {row['episodes']}"]
         for name, digits in columns.values():
-            half_width = float(row[f"{name}_ci95"])
-            interval = f" ± {half_width:.{digits}f}" if math.isfinite(half_width) else ""
-            cells.append(f"{float(row[name]):.{digits}f}{interval}")
+            mean = Mean(float(row[name]), float(row[f"{name}_ci95"]))
+            cells.append(f"{mean:.{digits}f}")
         lines.append(cells)
     return markdown_table(["training", "seeds", "converged at episode", *columns], lines)
 
@@ -331,7 +327,7 @@ def worlds_table(folder: Path) -> str:
     """Return the Markdown table of how the trainings in SUMO lie among those in the twin.
 
     It gives the share of SUMO's evaluations that lie within the quantiles ``WITHIN`` of the twin's
-    n trainings at the same episode; 90 (n - 1) / (n + 1) % is expected if both worlds are alike.
+    n trainings at the same episode, and the share that is expected if both worlds are alike.
     """
     rows, lines = ResultsFolder(folder).rows("curves.csv"), []
     for variants in (WORLDS[:2], WORLDS[2:]):
@@ -340,10 +336,32 @@ def worlds_table(folder: Path) -> str:
             shared = min(len(twin.episodes), len(sumo.episodes))
             low, high = np.quantile(twin.values[:, :shared], WITHIN, axis=0)
             within = (low <= sumo.values[:, :shared]) & (sumo.values[:, :shared] <= high)
-            ends = [f"{one.end.value:.3f} ± {one.end.half_width:.3f}" for one in (sumo, twin)]
-            lines.append([f"`{variants[1]}`", PANELS[column], *ends, f"{100 * within.mean():.0f}"])
-    heads = "in SUMO, at the end", "in the twin", "within the twin's, %"
+            ends, n = [f"{one.end:.3f}" for one in (sumo, twin)], len(twin.values)
+            shares = within.mean(), (WITHIN[1] - WITHIN[0]) * (n - 1) / (n + 1)
+            percent = (f"{100 * share:.0f}" for share in shares)
+            lines.append([f"`{variants[1]}`", PANELS[column], *ends, *percent])
+    heads = "in SUMO, at the end", "in the twin", "within the twin's, %", "expected, %"
     return markdown_table(["training", "column", *heads], lines)
+
+
+def collisions_table(folder: Path) -> str:
+    """Return the Markdown table of when the trainings in the paper's traffic collide.
+
+    The shares of episodes are means over the trainings: the least one while they explore, and the
+    least and the greatest of the greedy drivers.
+    """
+    rows, lines = ResultsFolder(folder).rows("curves.csv"), []
+    for variant in WORLDS:
+        exploring, greedy = (curve(rows, variant, column) for column in COMPARED[1:])
+        at, shares = np.array(greedy.episodes), 100 * greedy.values.mean(axis=0)
+        early = shares[(EARLY[0] <= at) & (at <= EARLY[1])]
+        least = 100 * exploring.values.mean(axis=0)[at <= EXPLORED].min()
+        last = np.where(greedy.values > 0, at, 0).max(axis=1)
+        free = f"{np.sum(last <= LEARNED)} of {len(last)}"
+        shown = f"{least:.0f}", f"{early.min():.0f} to {early.max():.0f}", free, str(last.max())
+        lines.append([f"`{variant}`", *shown])
+    heads = f"exploring, to {EXPLORED}, %", f"greedy, {EARLY[0]} to {EARLY[1]}, %"
+    return markdown_table(["training", *heads, f"none after {LEARNED}", "none at all after"], lines)
 
 
 def learning_figure(variants: Sequence[str], columns: Sequence[str], folder: Path) -> "Figure":
@@ -372,19 +390,18 @@ def _draw(axes: "Axes", rows: Sequence[Row], variant: str, column: str) -> None:
 
     A thin line shows each seed whose training is at least as long as the mean's curve. If there are
     more than ``FEW`` seeds, the band holds nine tenths of them instead, and there are no lines. Of
-    less than ``FEWEST`` there is only the mean.
+    a single seed there is only the mean.
     """
     found, (color, name) = curve(rows, variant, column), STYLES[variant.removeprefix("mixed_")]
     seeds, line = len(found.values), "--" if variant.startswith("sumo_") else "-"
-    means = np.array([mean.value for mean in found.means])
-    halves = np.array([mean.half_width for mean in found.means])
+    means, halves = np.array(found.means).T
     ends = means - halves, means + halves
     own = [r for r in rows if r["variant"] == variant and int(r["episode"]) >= found.episodes[-1]]
     if seeds > FEW:
         own, ends = [], tuple(np.quantile(found.values, WITHIN, axis=0))
     label = f"{name} ({seeds} {'seed' if seeds == 1 else 'seeds'})"
     axes.plot(found.episodes, means, line, color=color, label=label)
-    if seeds >= FEWEST:
+    if seeds > 1:
         axes.fill_between(found.episodes, *ends, color=color, alpha=0.2, linewidth=0)
     for seed in sorted({row["seed"] for row in own}):
         longer = curve([row for row in own if row["seed"] == seed], variant, column)
@@ -401,6 +418,7 @@ CURVES = Program(
     plan=curve_plan,
     derived={"convergence.csv": convergence},
     tables={
+        "learning_collisions": collisions_table,
         "convergence": convergence_table,
         "cost": cost_table,
         "replay": replay_table,

@@ -239,10 +239,9 @@ def measure(spec: Spec, own: Frame, other: Frame | None = None, units: str | Non
 
 
 def show(value: Value, digits: int = 2) -> str:
-    """Return the text of a value; an infinite interval is left out."""
+    """Return the text of a value."""
     if isinstance(value, Mean):
-        interval = f" ± {value.half_width:.{digits}f}" if math.isfinite(value.half_width) else ""
-        return f"{value.value:.{digits}f}{interval}"
+        return f"{value:.{digits}f}"
     return "" if value is None else str(value)
 
 

@@ -28,12 +28,6 @@ class TrainingJob:
     origin: "TrainingJob | None" = None
     """The training whose driver this training continues; None for a new driver."""
 
-    @classmethod
-    def whole(cls, variant: str, config: Config, folder: Path) -> "TrainingJob":
-        """Return the job of a training's whole schedule, with a row for each evaluation."""
-        learning = config.learning
-        return cls(variant, config, learning.episodes, folder, learning.evaluate_every)
-
     @property
     def name(self) -> str:
         """Name of the training's folder, for example "paper-0": variant and seed."""

@@ -43,7 +43,12 @@ class Mean(NamedTuple):
     half_width: float
 
     def __str__(self) -> str:
-        return f"{self.value:.2f} ± {self.half_width:.2f}"
+        return f"{self:.2f}"
+
+    def __format__(self, form: str) -> str:
+        """Return both numbers in this form, of an infinite half-width the mean alone."""
+        interval = f" ± {self.half_width:{form}}" if math.isfinite(self.half_width) else ""
+        return f"{self.value:{form}}{interval}"
 
 
 def mean_with_interval(values: Iterable[float], seeds: Iterable[int] | None = None) -> Mean:

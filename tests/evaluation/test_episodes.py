@@ -145,10 +145,12 @@ def test_interval_of_a_known_sample() -> None:
     assert mean.value == 5.0
     assert mean.half_width == pytest.approx(3.724992, abs=1e-6)
     assert str(mean) == "5.00 ± 3.72"
+    assert f"{mean:.1f}" == "5.0 ± 3.7"
 
 
 def test_one_episode_has_no_interval(tmp_path: Path) -> None:
     assert mean_with_interval([3.0]) == Mean(3.0, math.inf)
+    assert str(mean_with_interval([3.0])) == "3.00"
     write_summaries(tmp_path / "one.json", {"by_vehicles": summarize([RESULT])})
     [summary] = json.loads((tmp_path / "one.json").read_text())["by_vehicles"]
     assert summary["speed_m_s"] == {"mean": 20.0, "ci95_half_width": None}

@@ -160,9 +160,8 @@ FIGURES = CURVES.figures
 
 
 def test_check_figure_has_means_over_seeds_and_continues_with_the_longer_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(learning_curves, "FEWEST", 2)
     (tmp_path / "curves.csv").write_text(DRAWN.lstrip())
     figure = FIGURES["learning_check"](tmp_path)
     reward, exploring, collisions = figure.axes
@@ -237,10 +236,31 @@ def test_sumo_lies_within_nine_tenths_of_the_trainings_in_the_twin(tmp_path: Pat
     lines = CURVES.tables["worlds"](tmp_path).splitlines()[2:]
     cells = [[cell.strip() for cell in line.split("|")][1:-1] for line in lines]
     assert [line[0] for line in cells] == ["`sumo_paper`"] * 3 + ["`sumo_permit_all`"] * 3
-    assert [line[-1] for line in cells] == ["50", "100", "50", "50", "100", "50"]
+    assert [line[-2] for line in cells] == ["50", "100", "50", "50", "100", "50"]
+    # 0.9 * (4 - 1) / (4 + 1) of a fifth training like the four, 0.9 * (2 - 1) / (2 + 1) of a third
+    assert [line[-1] for line in cells] == ["54"] * 3 + ["30"] * 3
     # the mean of -2.9, -0.1, -2.8 and -0.2; collisions are a share of ten episodes
     assert [cell[:6] for cell in cells[0][2:4]] == ["-1.500", "-1.500"]
     assert [cells[5][2][:5], cells[5][3]] == ["0.550", "0.500 ± 0.000"]
+
+
+def test_when_trainings_collide_while_exploring_early_and_for_the_last_time(tmp_path: Path) -> None:
+    # collisions in ten greedy episodes; 200 and 700 are the decoys of "from 300 to 600"
+    early = {200: (10, 10), 300: (4, 6), 600: (2, 0), 700: (9, 9), 1000: (1, 0), 5000: (0, 0)}
+    late = {5100: (0, 0), 9000: (0, 3), 10_000: (0, 0)}
+    exploring = {200: (1.0, 0.9), 5000: (0.8, 0.7), 5100: (0.0, 0.0)}
+    rows = [
+        row(variant, seed, episode, 0.0, counts[seed])
+        | {"training_collisions": str(exploring.get(episode, (1.0, 1.0))[seed])}
+        for variant in learning_curves.WORLDS
+        for episode, counts in (early | late).items()
+        for seed in range(2)
+    ]
+    write_table(tmp_path / "curves.csv", rows[0], rows)
+    lines = CURVES.tables["learning_collisions"](tmp_path).splitlines()[2:]
+    # (0.8 + 0.7) / 2; (2 + 0) / 20 to (4 + 6) / 20; seed 0 ends at 1,000, seed 1 at 9,000
+    found = "75 | 10 to 50 | 1 of 2 | 9000"
+    assert lines == [f"| `{variant}` | {found} |" for variant in learning_curves.WORLDS]
 
 
 def test_what_trainings_cost_is_the_time_of_all_seeds_of_a_variant(tmp_path: Path) -> None:
