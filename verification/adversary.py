@@ -21,7 +21,7 @@ from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import ARRIVED_M, FloatArray, Road, holds, road_numbers
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.road.sweep import KINDS, swept_collision
-from drl_av.safety.check import SafetyCheck
+from drl_av.safety.check import SafetyCheck, apply_check
 from drl_av.safety.reachability import (
     STILL_M_S,
     cut_in_gap,
@@ -321,7 +321,8 @@ def one_by_one(check: SafetyCheck) -> BatchCheck:
     """Return a BatchCheck that calls a safety check for each scene separately."""
 
     def checked(world: World, proposal: IntArray) -> IntArray:
-        verdicts = (check(world.scene(row), ACTIONS[n]) for row, n in enumerate(proposal.tolist()))
+        asked = enumerate(proposal.tolist())
+        verdicts = [apply_check(check, world.scene(row), ACTIONS[n]) for row, n in asked]
         return np.array([verdict.action.number for verdict in verdicts])
 
     return checked

@@ -41,17 +41,16 @@ class Rate(NamedTuple):
 def rate(crashed: FloatArray, weights: FloatArray) -> Rate:
     """Return the weighted share of crashes and its 95 % interval; arrays have shape (tests,).
 
-    If all weights are 1, the interval is exact. Otherwise it is that of the normal distribution; if
-    there is no crash, its upper end is 3 / n (the rule of three) times the largest weight.
+    If all weights are 1, the interval is exact. Otherwise it is that of the normal distribution,
+    and to its upper end 3 / n (the rule of three) times the largest weight is added, because the
+    crashes that no test has seen may have such weights.
     """
     n, weighted = len(crashed), crashed * weights
     if (weights == 1.0).all():
         return exact_share(int(crashed.sum()), n)
-    if not crashed.any():
-        return Rate(0.0, 0.0, 3.0 / n * float(weights.max()))
     half = 1.96 * float(weighted.std(ddof=1)) / np.sqrt(n)
-    value = float(weighted.mean())
-    return Rate(value, max(0.0, value - half), value + half)
+    value, unseen = float(weighted.mean()), 3.0 / n * float(weights.max())
+    return Rate(value, max(0.0, value - half), value + half + unseen)
 
 
 def exact_share(hits: int, tests: int) -> Rate:
@@ -84,18 +83,19 @@ def add_careless(parser: argparse.ArgumentParser) -> None:
     text = "shares of the lane changes that are careless (default: 0.01 0.5)"
     given: dict[str, Any] = {
         "nargs": "+",
-        "type": _share,
+        "type": share,
         "default": (CARELESS_SHARE, 0.5),
         "metavar": "SHARE",
     }
     parser.add_argument("--careless", help=text, **given)
 
 
-def _share(text: str) -> float:
-    share = float(text)
-    if not 0 < share < 1:
+def share(text: str) -> float:
+    """Return a share that the command line names, between 0 and 1."""
+    found = float(text)
+    if not 0 < found < 1:
         raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1")
-    return share
+    return found
 
 
 def main() -> int:

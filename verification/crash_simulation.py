@@ -13,6 +13,7 @@ from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.drivers.rule_based import SumoDriver
+from drl_av.driving.actions import ACTIONS
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.errors import ConfigError
 from drl_av.evaluation.engines import workers
@@ -132,7 +133,10 @@ def drive(
     for _ in range(SECONDS):
         executed = check(world, proposals(world, egos, scale))
         going = np.array([row not in world.collisions for row in range(size)])
-        unanswered += going & (check(world, executed) != executed)
+        lacks = going & (check(world, executed) != executed)
+        for number in range(len(ACTIONS) if lacks.any() else 0):
+            lacks &= check(world, np.full(size, number)) != number
+        unanswered += lacks
         orders = traffic.decide(world, executed)
         weights = np.where(going, traffic.weights, weights)
         mover.decision(world, executed, orders)

@@ -141,6 +141,5 @@ def _generation(
     placing = genome[:, : PLACED * family.others]
     world = family.start(1 / (1 + np.exp(-1.7 * placing)), config)
     least_m, ended = play(world, orders(genome, family, config), check, mover)
-    losses = np.where(ended == 2, 1.0, least_m)
     ego_hits, was_hit = (int((ended == kind).sum()) for kind in (1, 2))
-    return Tally(len(genome), ego_hits, was_hit, float(least_m.min())), losses
+    return Tally(len(genome), ego_hits, was_hit, float(least_m.min())), least_m

@@ -148,9 +148,10 @@ def main() -> int:
     text = "for each family, rounded up to hundreds by a search (default: 1000; strict: 100000)"
     parser.add_argument("--scenes", type=int_at_least(1), help=text)
     parser.number("--seed", 0, low=0)
+    how = parser.add_mutually_exclusive_group()
     text = "search under any check, without the envelope"
-    parser.add_argument("--search", action="store_true", help=text)
-    parser.add_argument("--sumo", action="store_true", help="drive random scenes in SUMO")
+    how.add_argument("--search", action="store_true", help=text)
+    how.add_argument("--sumo", action="store_true", help="drive random scenes in SUMO")
     arguments = parser.parse_args()
     check = arguments.safety_check
     config, strict = Config().updated("safety", check=check), check == "strict"
@@ -163,7 +164,8 @@ def main() -> int:
     rows = work(config, arguments.family or list(known), scenes, arguments.seed)
     show(rows)
     print(parser.made_by())
-    return 1 if (strict or is_factory(check)) and any(row["ego_hit"] for row in rows) else 0
+    hit = any(row["ego_hit"] or row["was_hit"] for row in rows)
+    return 1 if (strict or is_factory(check)) and hit else 0
 
 
 if __name__ == "__main__":

@@ -34,17 +34,18 @@ def needed_gap(speed: FloatArray, other: FloatArray, config: Config) -> FloatArr
     """Return the smallest gap to a vehicle ahead, m, that is safe by the criterion of the check.
 
     ``speed`` is the speed of the ego, ``other`` that of the vehicle ahead, m/s. The criterion of
-    ``strict`` is a free fallback maneuver. The criterion of the other checks is the paper's gap
-    condition (eq. 3).
+    ``strict`` is a free fallback maneuver, that of ``paper`` and ``permit_all`` the paper's gap
+    condition (eq. 3). For a check of the user both must hold, so that no start is lost already.
     """
-    if config.safety.check == "strict":
-        strict, sim = config.strict, config.simulation
-        rolled_m = reach(speed, -config.ego.hard_brake_m_s2, config.ego, sim)
-        rest_m = stopping_distance(other, strict.braking_m_s2, sim.step_length_s)
-        spare_m: FloatArray = np.maximum(rolled_m - rest_m, 0.0)
-        return spare_m + strict.clearance_m + 1e-3
+    strict, sim, check = config.strict, config.simulation, config.safety.check
     closing = np.maximum(speed - other, 0.0)
-    return config.safety.minimum_gap_m + config.safety.minimum_ttc_s * closing + 1e-3
+    paper_m: FloatArray = config.safety.minimum_gap_m + config.safety.minimum_ttc_s * closing + 1e-3
+    if check in ("paper", "permit_all"):
+        return paper_m
+    rolled_m = reach(speed, -config.ego.hard_brake_m_s2, config.ego, sim)
+    rest_m = stopping_distance(other, strict.braking_m_s2, sim.step_length_s)
+    strict_m: FloatArray = np.maximum(rolled_m - rest_m, 0.0) + strict.clearance_m + 1e-3
+    return strict_m if check == "strict" else np.maximum(paper_m, strict_m)
 
 
 def placed(

@@ -33,7 +33,7 @@ def import_function(word: str, what: str) -> Any:
     _search_here_first()
     try:
         return getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, SyntaxError) as error:
+    except Exception as error:  # the module is the user's
         raise ConfigError(
             f"The {what} {word!r} cannot be imported ({error}): write it as module:name, with "
             "a module in the working directory or an installed one that can be imported."
@@ -48,13 +48,21 @@ def _search_here_first() -> None:
 
 
 def source_digest(word: str) -> str:
-    """Return the SHA-256 of the module's file in ``module:name``; "" without such a file."""
-    module, _, _ = word.partition(":")
+    """Return the SHA-256 of the module's file in ``module:name``, or of all files of its package.
+
+    It is "" without any file.
+    """
     _search_here_first()
-    found = importlib.util.find_spec(module)
-    if found is None or not found.has_location or found.origin is None:
+    found = importlib.util.find_spec(re.split(r"[.:]", word)[0])
+    if found is None:
         return ""
-    return hashlib.sha256(Path(found.origin).read_bytes()).hexdigest()
+    folders = found.submodule_search_locations
+    files = [Path(found.origin)] if found.has_location and found.origin else []
+    if folders is not None:
+        files = sorted(file for folder in folders for file in Path(folder).rglob("*.py"))
+    return (
+        hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest() if files else ""
+    )
 
 
 def require_function(function: Any, what: str, *arguments: str) -> None:

@@ -51,7 +51,7 @@ def custom_inputs(config: Config, custom: CustomParts) -> dict[str, str]:
     """Return what episodes rest on besides settings and drivers, by name; "" for nothing.
 
     It is the SHA-256 of the scenario's files, and each argument of the user, a function
-    ``module:name`` with the SHA-256 of its module.
+    ``module:name`` with the SHA-256 of its module, or of its whole package.
     """
     found = {"scenario": files_digest(find_scenario(config.simulation.scenario))}
     found |= dict.fromkeys(custom._fields, "")

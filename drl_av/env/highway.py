@@ -38,7 +38,16 @@ from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import ActionMask, action_mask, mask_of, named_check
-from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, WholeCheck, apply_check
+from drl_av.safety.check import (
+    Rule,
+    SafetyCheck,
+    Verdict,
+    Verdicts,
+    WholeCheck,
+    apply_check,
+    judges_all,
+    require_verdicts,
+)
 from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
@@ -96,8 +105,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.safety_check: SafetyCheck
         if own_check is not None:
             self.safety_check = custom_check(own_check, config)
+            kind = type(own_check).__name__
             named = isinstance(own_check, str)
-            self._check_name = str(own_check if named else getattr(own_check, "__name__", "custom"))
+            self._check_name = str(own_check if named else getattr(own_check, "__name__", kind))
         else:  # equal for each, but each may break an assumption
             presets = config.per_traffic_preset
             self.safety_check, *_ = (named_check(each, types, self.road) for each in presets)
@@ -341,20 +351,21 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """
         if "scene" not in vars(self):
             raise gymnasium.error.ResetNeeded("There is no scene yet: call reset.")
-        if isinstance(self.safety_check, WholeCheck):
+        if judges_all(self.safety_check):
             return mask_of(self._all_verdicts(self.safety_check))
         return action_mask(self.safety_check, self.scene)
 
     def _verdict_on(self, proposed: Action) -> Verdict:
         """Return the verdict of the safety check on an action in the present scene."""
-        if isinstance(self.safety_check, WholeCheck):
+        if judges_all(self.safety_check):
             return self._all_verdicts(self.safety_check).of(proposed)
         return apply_check(self.safety_check, self.scene, proposed)
 
     def _all_verdicts(self, check: WholeCheck) -> Verdicts:
         """Return the verdicts on all actions in the present scene, which are computed once."""
         if self._verdicts is None:
-            self._verdicts = check.verdicts(self.scene)
+            found = check.verdicts(self.scene)
+            self._verdicts = require_verdicts(found) if self._has_own_check else found
         return self._verdicts
 
     def close(self) -> None:

@@ -14,7 +14,7 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
-from drl_av.safety.check import SafetyCheck, Verdicts, WholeCheck, apply_check, permit_all
+from drl_av.safety.check import SafetyCheck, Verdicts, apply_check, judges_all, permit_all
 from drl_av.safety.paper import Paper, PaperBeforeLaneEnds
 from drl_av.safety.strict import Strict
 
@@ -53,7 +53,8 @@ def named_check(
     if is_factory(name):
         raise ConfigError(
             f"safety.check is {name!r}, a function of a user, which no file may run: name it with "
-            f"--safety-check {name} (safety_check=) if you trust it."
+            f"--safety-check {name} (safety_check=) if you trust it; within a function that makes "
+            "a check, name another one: config.updated('safety', check='paper')."
         )
     if name not in CHECKS:
         raise ConfigError(not_one_of("safety.check", name, CHECKS))
@@ -70,7 +71,7 @@ def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     The argument ``mask`` of ``gymnasium.spaces.Discrete.sample`` accepts it. All entries are 0 if
     the check replaces every action.
     """
-    if isinstance(check, WholeCheck):
+    if judges_all(check):
         return mask_of(check.verdicts(scene))
     permitted = [apply_check(check, scene, action).action == action for action in ACTIONS]
     return np.array(permitted, np.int8)

@@ -29,6 +29,7 @@ AT_MOST = (
     ("strict.follower_braking_m_s2", "ego.hard_brake_m_s2", "the lemma hand-over"),
     ("ego.hard_brake_m_s2", "strict.braking_m_s2", "the lemma following"),
     ("simulation.step_length_s", "strict.follower_response_s", "bound 4"),
+    ("simulation.step_length_s", "the tau of the vehicle type traffic", "bound 4"),
     ("ego.accelerate_m_s2", "the accel of the vehicle type ego", "bound 3"),
     ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
 )
@@ -91,6 +92,7 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> 
         "the decel of the vehicle type traffic": traffic.braking_m_s2,
         "the emergencyDecel of the vehicle type traffic": traffic.emergency_braking_m_s2,
         "the maxSpeedLat of the vehicle type traffic": traffic.lateral_speed_m_s,
+        "the tau of the vehicle type traffic": float(dict(traffic.model).get("tau", math.inf)),
         "the accel of the vehicle type ego": ego.acceleration_m_s2,
         "the decel of the vehicle type ego": ego.braking_m_s2,
     }

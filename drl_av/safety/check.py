@@ -1,9 +1,10 @@
 """The interface of a safety check, a function from a scene and a proposed action to a verdict."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from enum import Flag, auto
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -77,16 +78,53 @@ SafetyCheck = Callable[[Scene, Action], Verdict]
 """A function that returns the verdict on a proposed action in a scene."""
 
 
+def judges_all(check: SafetyCheck) -> TypeGuard[WholeCheck]:
+    """Return whether ``verdicts`` of a check says what the check does, one by one, too."""
+    return isinstance(check, WholeCheck) and type(check).__call__ is WholeCheck.__call__
+
+
+def require_verdicts(verdicts: Verdicts) -> Verdicts:
+    """Return the verdicts of a check that the user may have written.
+
+    Raises:
+        ConfigError: they are not numbers of actions and of rules, one for each action, or an action
+            is replaced by no rule.
+    """
+    with suppress(TypeError, ValueError):
+        whole = (np.asarray(part).astype(np.int64, casting="safe") for part in verdicts)
+        found, numbers = Verdicts(*whole), np.arange(len(ACTIONS))
+        known = np.isin(found.executed, numbers) & np.isin(found.rules, np.arange(len(RULES)))
+        known &= (found.executed == numbers) | (found.rules > 0)
+        if known.shape == numbers.shape and known.all():
+            return found
+    raise ConfigError(
+        f"The safety check returned the verdicts {verdicts!r}, but must return, for each of the "
+        f"{len(ACTIONS)} actions, the number of the executed action and of the rules that replaced "
+        "it, 0 for none."
+    )
+
+
 def apply_check(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
     """Call a check, which the user may have written, and return its verdict.
 
     A verdict that keeps the proposed action has the rule ``Rule.NONE``, whatever the check named.
+    Meanwhile the arrays of the scene cannot be written: the world goes on with them.
 
     Raises:
         ConfigError: the check did not return a Verdict with one of the 12 actions and a Rule or a
             text, or replaced the action and named no rule.
     """
-    verdict = check(scene, proposed)
+    arrays: list[npt.NDArray[Any]] = []
+    if check is not permit_all:
+        values, codes, *_ = scene.indicators
+        arrays = [each for each in (*scene.snapshot[2:8], values, codes) if each.flags.writeable]
+    try:
+        for array in arrays:
+            array.flags.writeable = False
+        verdict = check(scene, proposed)
+    finally:
+        for array in arrays:
+            array.flags.writeable = True
     is_verdict = isinstance(verdict, Verdict) and isinstance(verdict.rule, Rule | str)
     is_action = is_verdict and isinstance(verdict.action, Action)
     if not is_action or verdict.action not in ACTIONS:

@@ -1,6 +1,7 @@
 """Drivers of the user's own, by a factory, a stable-baselines3 zip or an ONNX file."""
 
 import csv
+import hashlib
 import os
 import shutil
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from worlds import ALONE
 
 from drl_av.cli import main
 from drl_av.config import Config
-from drl_av.config.functions import is_factory
+from drl_av.config.functions import is_factory, source_digest
 from drl_av.drivers.agent import driver_of_agent
 from drl_av.drivers.external import driver_of_factory
 from drl_av.drivers.onnx import OnnxDriver
@@ -59,6 +60,7 @@ OBSERVATION = np.zeros(27, np.float32)
 def module(here: Path) -> str:
     (here / "my_own_drivers.py").write_text(OWN)
     (here / "broken_module.py").write_text("def f(config:\n")
+    (here / "failing_module.py").write_text("1 / 0\n")
     return "my_own_drivers"
 
 
@@ -141,12 +143,27 @@ def test_a_file_that_is_no_driver_is_refused_with_what_it_is(
         ("my_own_drivers:eager", r"is called with \(config\), which eager\(\) does not take"),
         ("my_own_drivers:number", r"my_own_drivers:number' is 3, but must be a function of \(conf"),
         ("broken_module:f", "cannot be imported"),
+        ("failing_module:f", r"cannot be imported \(division by zero\)"),
         ("my_own_drivers:nothing", "nothing' is a int, but must be an object with start"),
     ],
 )
 def test_a_factory_that_makes_no_driver_is_refused(word: str, message: str, module: str) -> None:
     with pytest.raises(ConfigError, match=message):
         driver_of_factory(word, Config())
+
+
+def test_all_files_of_a_package_count_and_of_a_module_its_own(here: Path) -> None:
+    (here / "pk").mkdir()
+    files = here / "pk" / "__init__.py", here / "pk" / "impl.py", here / "alone.py"
+    for file in files:
+        file.write_text("LIMIT_S = 0.0\n")
+    before = source_digest("pk:mine"), source_digest("alone:mine")
+    assert before[1] == hashlib.sha256(b"LIMIT_S = 0.0\n").hexdigest()
+    files[1].write_text("LIMIT_S = 5.0\n")
+    assert source_digest("pk:mine") != before[0]
+    assert source_digest("pk.impl:mine") == source_digest("pk:mine")
+    assert source_digest("alone:mine") == before[1]
+    assert source_digest("no_such_module:mine") == ""
 
 
 def test_a_path_with_a_colon_is_no_factory() -> None:

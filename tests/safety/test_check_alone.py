@@ -16,7 +16,8 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError
 from drl_av.safety import CHECKS, action_mask, named_check
-from drl_av.safety.check import Rule, Verdict, apply_check
+from drl_av.safety.check import Rule, Verdict, Verdicts, WholeCheck, apply_check
+from drl_av.safety.paper import Paper
 
 ID = "drl_av/Highway-v0"
 SHORT = Config().updated("simulation", decisions_per_episode=40)
@@ -93,6 +94,83 @@ def test_a_check_that_names_a_rule_and_keeps_the_action_has_permitted_it() -> No
         info = env.step(3)[-1]
         assert (info["rule"], info["executed_action"]) == ("none", 3)
         assert (env.step(0)[-1]["rule"], env.action_masks().tolist()) == ("in_lane", MASK_OF_3)
+
+
+class AlwaysBrakes(Paper):
+    """A user's check that takes the paper's rules for a beginning, and brakes."""
+
+    def __init__(self) -> None:
+        super().__init__(Config().safety)
+
+    def __call__(self, scene: Scene, proposed: Action) -> Verdict:
+        return Verdict(ACTIONS[3], "always brake")
+
+
+def test_what_a_check_of_the_user_does_for_one_action_counts_for_all() -> None:
+    with closing(HighwayEnv(config=SHORT, safety_check=AlwaysBrakes())) as env:
+        env.reset(seed=1)
+        assert env.action_masks().tolist() == MASK_OF_3
+        assert action_mask(env.safety_check, env.scene).tolist() == MASK_OF_3
+        info = env.step(1)[-1]
+        assert (info["executed_action"], info["rule"]) == (3, "always brake")
+        assert env.check_name == "AlwaysBrakes"
+
+
+class Whole(WholeCheck):
+    """A user's check that replaces each action by the third."""
+
+    def __init__(self, executed: object, rules: object) -> None:
+        self.found: Any = executed, rules
+
+    def verdicts(self, scene: Scene) -> Verdicts:
+        found: Verdicts = self.found
+        return found
+
+
+@pytest.mark.parametrize(
+    ("executed", "rules"),
+    [
+        ([3] * 12, [0] * 12),  # eleven actions are replaced by no rule
+        ([3] * 12, [9] * 12),
+        ([12] * 12, [1] * 12),
+        ([-1] * 12, [1] * 12),
+        ([3.0] * 12, [1] * 12),
+        ([3] * 11, [1] * 11),
+        (None, None),
+    ],
+)
+def test_a_check_of_all_actions_that_returns_no_verdicts_is_refused(
+    executed: object, rules: object
+) -> None:
+    with closing(HighwayEnv(config=SHORT, safety_check=Whole(executed, rules))) as env:
+        env.reset(seed=1)
+        for asked in (lambda: env.step(0), env.action_masks):
+            with pytest.raises(
+                ConfigError, match=r"returned the verdicts .*, but must return, for"
+            ):
+                asked()
+
+
+def test_a_check_of_all_actions_may_return_lists() -> None:
+    with closing(HighwayEnv(config=SHORT, safety_check=Whole([3] * 12, [1] * 12))) as env:
+        env.reset(seed=1)
+        assert env.action_masks().tolist() == MASK_OF_3
+        assert env.step(0)[-1]["rule"] == "in_lane"
+
+
+def test_a_check_cannot_write_the_scene_with_which_the_world_goes_on() -> None:
+    """One that rolls forward in place would be told of another world than it drives in."""
+
+    def rolls(scene: Scene, proposed: Action) -> Verdict:
+        scene.snapshot.s_m[0] += 30.0
+        raise AssertionError("the scene was written")
+
+    with closing(HighwayEnv(config=SHORT, safety_check=rolls)) as env:
+        env.reset(seed=1)
+        for asked in (lambda: env.step(0), env.action_masks):
+            with pytest.raises(ValueError, match="read-only"):
+                asked()
+        assert env.scene.snapshot.s_m.flags.writeable
 
 
 def test_a_rule_may_have_any_name() -> None:

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections import Counter
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -191,6 +192,17 @@ def test_strict_accepts_another_size_and_refuses_another_model(tmp_path: Path) -
     write_scenario(tmp_path / "taxis", ScenarioDescription(vehicle_types=(TAXI,)))
     with pytest.raises(ConfigError, match="carFollowModel of the vehicle type taxi must be IDM"):
         HighwayEnv(tmp_path / "taxis", "strict")
+    close = CustomVehicleType("close", 1.0, 5.0, 1.8, headway_s=0.5)
+    write_scenario(tmp_path / "close", ScenarioDescription(vehicle_types=(close,)))
+    HighwayEnv(tmp_path / "close", "strict").close()
+    write_scenario(
+        tmp_path / "tight", ScenarioDescription(vehicle_types=(replace(close, headway_s=0.4),))
+    )
+    with pytest.raises(
+        ConfigError, match=r"at most the tau of the vehicle type close, 0\.4, and n"
+    ):
+        HighwayEnv(tmp_path / "tight", "strict")
+    HighwayEnv(tmp_path / "tight", "paper").close()
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from drl_av.config import Config
 from drl_av.driving.car_following import idm_acceleration
 from verification import crash_simulation, crash_table
-from verification.adversary import LENGTH_M, World
+from verification.adversary import LENGTH_M, IntArray, World
 from verification.crash_rate import exact_share, rate, report
 from verification.crash_simulation import run, settings
 from verification.families import needed_gap, placed
@@ -150,10 +150,11 @@ def test_no_start_makes_a_driver_brake_hard_at_once() -> None:
 
 
 def test_the_rate_is_the_weighted_share_of_crashes() -> None:
-    # one crash of weight 0.1 in four tests: 0.025; deviation 0.05, half-width 1.96 * 0.05 / 2
+    # one crash of weight 0.1 in four tests: 0.025; deviation 0.05, half-width 1.96 * 0.05 / 2;
+    # crashes that no test has seen: 3 / 4 * 1.2
     found = rate(np.array([0.0, 1.0, 0.0, 0.0]), np.array([1.2, 0.1, 0.9, 1.0]))
     assert found.value == pytest.approx(0.025)
-    assert (found.lower, found.upper) == (0.0, pytest.approx(0.025 + 0.049))
+    assert (found.lower, found.upper) == (0.0, pytest.approx(0.025 + 0.049 + 0.9))
     # no crash in 300 tests whose largest weight is 2: at most 3 / 300 * 2
     none = rate(np.zeros(300), np.full(300, 2.0))
     assert none == (0.0, 0.0, pytest.approx(0.02))
@@ -165,6 +166,24 @@ def test_without_weights_the_interval_is_exact() -> None:
     assert rate(two, plain) == pytest.approx((0.002, 0.000242, 0.007206), rel=2e-3)
     assert rate(np.zeros(1000), plain) == (0.0, 0.0, pytest.approx(0.0036821, rel=1e-4))
     assert exact_share(3, 3).upper == 1.0
+
+
+def test_a_check_that_permits_something_else_than_it_executes_has_an_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def stair(world: World, proposed: IntArray) -> IntArray:
+        """Accelerate becomes maintain, that becomes braking, that hard braking, always permitted.
+
+        In the second scene nothing is permitted.
+        """
+        executed = np.array([2, 0, 3, 3, 3, 3, 3, 3, 3, 3, 3, 3])[proposed]
+        executed[1] = (proposed[1] + 1) % 12
+        return executed
+
+    monkeypatch.setattr(crash_simulation, "check_of", lambda config: stair)
+    found = run(settings("paper"), 2, PEOPLE, 11, driver="idm-mobil")
+    assert found.unanswered[0] == 0
+    assert found.unanswered[1] > 0
 
 
 def test_tests_are_reproducible_and_their_starts_are_the_same_for_every_check(
@@ -179,6 +198,18 @@ def test_tests_are_reproducible_and_their_starts_are_the_same_for_every_check(
     assert (first.km > 0.4).all()
     assert (first.km <= 0.8101).all()
     assert "6 tests" in report("strict", first)
+
+
+def test_a_rare_crash_of_large_weight_that_no_test_has_seen_lies_in_the_interval() -> None:
+    # crashes of weight 1 in 20 of a million tests, and of weight 0.0016 in 200 of them
+    rng, covered = np.random.default_rng(3), 0
+    for _ in range(200):
+        weights = np.ones(40_000)
+        heavy, light = rng.binomial(40_000, (2e-5, 2e-4))
+        weights[heavy : heavy + light] = 0.0016
+        found = rate((np.arange(40_000) < heavy + light).astype(float), weights)
+        covered += found.lower <= 2e-5 + 2e-4 * 0.0016 <= found.upper
+    assert covered >= 0.95 * 200
 
 
 def test_the_table_of_the_documentation_is_what_the_program_prints() -> None:
