@@ -116,7 +116,7 @@ results: setup
 	$(call text,ramp_to_ramp_paper.txt,-m verification.ramps --kind ramp_to_ramp --driver runs/paper-ramp_to_ramp --episodes 200)
 	$(BIN)/python -m verification.ramps_figure docs/results
 	$(BIN)/drl-av figures --out docs/results
-	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000)
+	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000 --jobs 2)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
 	$(call text,twin_equality.txt,-m verification.twin_equality --jobs 2)
 	$(call text,ablation.txt,-m studies.ablation)

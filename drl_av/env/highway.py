@@ -38,16 +38,7 @@ from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import ActionMask, action_mask, mask_of, named_check
-from drl_av.safety.check import (
-    Rule,
-    SafetyCheck,
-    Verdict,
-    Verdicts,
-    WholeCheck,
-    apply_check,
-    judges_all,
-    require_verdicts,
-)
+from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, apply_check, whole_verdicts
 from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
@@ -351,21 +342,20 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         """
         if "scene" not in vars(self):
             raise gymnasium.error.ResetNeeded("There is no scene yet: call reset.")
-        if judges_all(self.safety_check):
-            return mask_of(self._all_verdicts(self.safety_check))
+        if (verdicts := self._all_verdicts()) is not None:
+            return mask_of(verdicts)
         return action_mask(self.safety_check, self.scene)
 
     def _verdict_on(self, proposed: Action) -> Verdict:
         """Return the verdict of the safety check on an action in the present scene."""
-        if judges_all(self.safety_check):
-            return self._all_verdicts(self.safety_check).of(proposed)
+        if (verdicts := self._all_verdicts()) is not None:
+            return verdicts.of(proposed)
         return apply_check(self.safety_check, self.scene, proposed)
 
-    def _all_verdicts(self, check: WholeCheck) -> Verdicts:
-        """Return the verdicts on all actions in the present scene, which are computed once."""
+    def _all_verdicts(self) -> Verdicts | None:
+        """Return what ``whole_verdicts`` returns for the present scene, computed once."""
         if self._verdicts is None:
-            found = check.verdicts(self.scene)
-            self._verdicts = require_verdicts(found) if self._has_own_check else found
+            self._verdicts = whole_verdicts(self.safety_check, self.scene)
         return self._verdicts
 
     def close(self) -> None:

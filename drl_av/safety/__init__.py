@@ -14,7 +14,7 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleTypes
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN, require_assumptions
-from drl_av.safety.check import SafetyCheck, Verdicts, apply_check, judges_all, permit_all
+from drl_av.safety.check import SafetyCheck, Verdicts, apply_check, permit_all, whole_verdicts
 from drl_av.safety.paper import Paper, PaperBeforeLaneEnds
 from drl_av.safety.strict import Strict
 
@@ -71,8 +71,8 @@ def action_mask(check: SafetyCheck, scene: Scene) -> ActionMask:
     The argument ``mask`` of ``gymnasium.spaces.Discrete.sample`` accepts it. All entries are 0 if
     the check replaces every action.
     """
-    if judges_all(check):
-        return mask_of(check.verdicts(scene))
+    if (verdicts := whole_verdicts(check, scene)) is not None:
+        return mask_of(verdicts)
     permitted = [apply_check(check, scene, action).action == action for action in ACTIONS]
     return np.array(permitted, np.int8)
 

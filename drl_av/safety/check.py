@@ -4,7 +4,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from enum import Flag, auto
 from functools import cache
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -78,18 +78,21 @@ SafetyCheck = Callable[[Scene, Action], Verdict]
 """A function that returns the verdict on a proposed action in a scene."""
 
 
-def judges_all(check: SafetyCheck) -> TypeGuard[WholeCheck]:
-    """Return whether ``verdicts`` of a check says what the check does, one by one, too."""
-    return isinstance(check, WholeCheck) and type(check).__call__ is WholeCheck.__call__
-
-
-def require_verdicts(verdicts: Verdicts) -> Verdicts:
-    """Return the verdicts of a check that the user may have written.
+def whole_verdicts(check: SafetyCheck, scene: Scene) -> Verdicts | None:
+    """Return the verdicts on all actions of a check that has no ``__call__`` of its own, else None.
 
     Raises:
-        ConfigError: they are not numbers of actions and of rules, one for each action, or an action
-            is replaced by no rule.
+        ConfigError: the check is a user's, and these are no verdicts.
     """
+    if not isinstance(check, WholeCheck) or type(check).__call__ is not WholeCheck.__call__:
+        return None
+    found = check.verdicts(scene)
+    is_ours = type(check).verdicts.__module__.startswith("drl_av.")
+    return found if is_ours else _require_verdicts(found)
+
+
+def _require_verdicts(verdicts: Verdicts) -> Verdicts:
+    """Return the verdicts; raise ConfigError unless they are numbers of actions and of rules."""
     with suppress(TypeError, ValueError):
         whole = (np.asarray(part).astype(np.int64, casting="safe") for part in verdicts)
         found, numbers = Verdicts(*whole), np.arange(len(ACTIONS))
