@@ -18,6 +18,7 @@ from drl_av.cli.options import (
     custom_parts,
     driver_words,
     numbers_of_vehicles,
+    require_driving_settings,
     with_command_line,
 )
 from drl_av.drivers.registry import baselines, default_config, find_drivers, warn_of_checks
@@ -152,6 +153,7 @@ def evaluate(options: argparse.Namespace) -> int:
     specs = find_drivers(words or ["pretrained"])
     if options.require_pass:
         _require_rivals([spec.name for spec in specs])
+    require_driving_settings(options)
     config = with_command_line(default_config(specs), options)
     if options.safety_check is None:
         warn_of_checks(specs, config.safety.check)

@@ -165,7 +165,7 @@ def _gains(rows: "Sequence[EpisodeResult]") -> "Sequence[PairedGain]":
 
 
 def _require_one_traffic(tables: Sequence[Path]) -> None:
-    """Raise ConfigError if tables say that their episodes were driven in different traffic."""
+    """Raise ConfigError if tables say that their episodes are not alike: traffic, ego, reward."""
     from drl_av.evaluation.provenance import read_provenance
     from drl_av.evaluation.table import report_corrupt_table
 
@@ -174,16 +174,16 @@ def _require_one_traffic(tables: Sequence[Path]) -> None:
         is_known = table.with_suffix(PROVENANCE).exists()
         with report_corrupt_table(table):
             settings = read_provenance(table, PROVENANCE).get("settings", {}) if is_known else {}
-            if "traffic" not in settings or "simulation" not in settings:
-                continue
-            simulation, traffic = settings["simulation"], settings["traffic"]
-            numbers = {"vehicles_min", "vehicles_max"}  # the columns say how many there were
-            now = {name: value for name, value in traffic.items() if name not in numbers}
-            now |= {name: simulation.get(name, "sumo") for name in ("scenario", "world")}
+            now = {
+                f"{section}.{name}": value
+                for section in ("simulation", "traffic", "ego", "reward")
+                for name, value in settings.get(section, {}).items()
+                if name not in ("vehicles_min", "vehicles_max")  # the columns say how many
+            }
         for name, value in now.items():
             first, its = found.setdefault(name, (str(table), value))
             if its != value:
                 raise ConfigError(
-                    f"{first} and {table} are of different traffic ({name} is {its} and {value}): "
+                    f"{first} and {table} are of different episodes ({name} is {its} and {value}): "
                     "draw them apart."
                 )

@@ -149,7 +149,8 @@ def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
         action="append",
         type=_setting,
         metavar="SECTION.KEY=VALUE",
-        help="one setting, such as traffic.vehicles_max=10; as if it stood in the last --config",
+        help="one setting, such as traffic.vehicles_max=10, laid over those and files before it; "
+        "traffic.kind resets the section",
     )
 
 
@@ -180,6 +181,13 @@ def require_one_word(options: argparse.Namespace, settings: Mapping[str, str]) -
                 f"--{option.replace('_', '-')} and -o {setting} are the same setting: leave one of "
                 "them out."
             )
+
+
+def require_driving_settings(options: argparse.Namespace) -> None:
+    """Raise ConfigError if -o names a setting of trainings: a driver drives as it has learned."""
+    for word in map(str, options.config):
+        if SETTING.match(word) and word.startswith(("learning.", "ppo.")):
+            raise ConfigError(f"-o {word} is a setting of trainings, which ended: leave it out.")
 
 
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:

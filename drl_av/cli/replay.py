@@ -17,6 +17,7 @@ from drl_av.cli.options import (
     custom_parts,
     driver_words,
     rate,
+    require_driving_settings,
     require_one_word,
     with_command_line,
 )
@@ -227,6 +228,7 @@ def _new_sessions(
     from drl_av.evaluation.replay import ReplaySession
 
     require_one_word(options, {"decisions": "simulation.decisions_per_episode"})
+    require_driving_settings(options)
     shared = with_command_line(default_config(specs), options)
     if options.decisions:
         shared = shared.updated("simulation", decisions_per_episode=options.decisions)

@@ -1,7 +1,7 @@
 """A driver and a safety check for one vehicle of the user's own SUMO simulation (ours)."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -103,7 +103,7 @@ def attach(
         )
     if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
         driver = SteadyDriver(driver, check, settings)
-    return AttachedEgo(around, driver, check, settings)
+    return AttachedEgo(around, driver, check, settings, connection.simulation.getTime)
 
 
 def _specs(
@@ -147,13 +147,18 @@ class AttachedEgo:
     """The ego of ``attach``: it observes, decides, checks and commands once a second."""
 
     def __init__(
-        self, around: Surroundings, driver: Driver, check: SafetyCheck, config: Config
+        self,
+        around: Surroundings,
+        driver: Driver,
+        check: SafetyCheck,
+        config: Config,
+        clock: Callable[[], float],
     ) -> None:
         self._around, self._driver, self._check, self._config = around, driver, check, config
         self._groups = default_groups(config.observation)
         self._commands: list[Command] = []
         self._lane_change: LaneChange | None = None
-        self._planned_m = 0.0
+        self._planned_m, self._clock, self._last_s = 0.0, clock, math.nan
         self.scene: Scene | None = None
         """What the driver saw at its last decision; None before the first."""
         driver.start(0)
@@ -162,11 +167,20 @@ class AttachedEgo:
     def step(self) -> dict[str, Any] | None:
         """Carry on after a ``simulationStep``: command the next one, and decide once a second.
 
+        Raises SimulationError unless SUMO has made one step since the last call.
+
         Returns:
             The decision, with the keys ``proposed_action``, ``executed_action``, ``rule``,
             ``indicators`` and ``speed_m_s`` as in the environment's ``info``, and ``words``, which
             says what the ego does; None between decisions and once the vehicle has left the road.
         """
+        now_s, step_s = self._clock(), self._config.simulation.step_length_s
+        if abs(now_s - self._last_s - step_s) > 1e-6 and not math.isnan(self._last_s):
+            raise SimulationError(
+                f"SUMO's time is {now_s:g} s, but was {self._last_s:g} s when step was called "
+                f"before: call step once after each simulationStep, {step_s:g} s later."
+            )
+        self._last_s = now_s
         if not self._around.is_on_the_road:
             return None
         decision = None if self._commands else self._decide()

@@ -53,6 +53,7 @@ STYLES = {
 OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
 OTHER_STYLES = [(color, mark) for mark in ("D", "P", "X", "*", "p", "h") for color in OTHER_COLORS]
 """The styles of all other drivers."""
+LINES = ("-", "--", ":", "-.")
 UNBOUNDED = (-math.inf, math.inf)
 APART = 0.03
 """Horizontal offset between two drivers' markers, so that error bars stay apart; the unit is the
@@ -192,14 +193,14 @@ def profile_figure(rows: Sequence[EpisodeResult]) -> "Figure":
     figure, axes = one_panel("speed v, m/s", "share of episodes faster than v")
     thresholds = sorted({0.0, *(row.mean_speed_m_s for row in rows)})
     curves, drivers = {}, grouped(rows, lambda row: row.compared_as)
-    styles = styles_of(drivers)
+    styles, lines = styles_of(drivers), lines_of(drivers)
     for name, driven in drivers.items():
         profiles = [
             performance_profile([np.array([row.mean_speed_m_s for row in own])], thresholds)
             for own in grouped(driven, lambda row: row.driver).values()
         ]
         means = [mean_with_interval(shares) for shares in zip(*profiles, strict=True)]
-        style = {"color": styles[name][0], "drawstyle": "steps-post"}
+        style = {"color": styles[name][0], "linestyle": lines[name], "drawstyle": "steps-post"}
         curves[_label(driven)] = banded_curve(axes, thresholds, means, (0.0, 1.0), **style)
     legend_of_names(axes, curves)
     return figure
@@ -260,7 +261,7 @@ def _trainings(rows: Iterable[EpisodeResult]) -> set[str]:
 
 
 def styles_of(drivers: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Return the colour and marker of each driver of a figure; @CHECK has no effect.
+    """Return the colour and marker of each driver of a figure; @CHECK has no effect on them.
 
     A driver in ``STYLES`` has the same in every figure. Each other one has those of the checksum of
     its name, unless an earlier one of this figure has the same colour: then the next free colour.
@@ -274,6 +275,16 @@ def styles_of(drivers: Iterable[str]) -> dict[str, tuple[str, str]]:
         styles[name] = min(turn, key=lambda style: (style in taken, used[style[0]]))
         used[styles[name][0]] += 1
     return {driver: styles[name] for driver, name in names.items()}
+
+
+def lines_of(drivers: Iterable[str]) -> dict[str, str]:
+    """Return the line of each driver of a figure; under a second check, NAME@CHECK, it differs."""
+    lines, used = dict[str, str](), Counter[str]()
+    for driver in dict.fromkeys(drivers):
+        name = driver.partition("@")[0]
+        lines[driver] = LINES[min(used[name], len(LINES) - 1)]
+        used[name] += 1
+    return lines
 
 
 def _ends(mean: Mean, lowest: float) -> tuple[float, float]:
@@ -301,12 +312,14 @@ def curves_by_density(
     curves = dict[str, Any]()
     steps = np.diff(sorted({number for own in means.values() for number, _ in own}))
     usual = float(np.median(steps)) if len(steps) else 1.0
-    styles = styles_of(driver.partition(", ")[0] for driver in means)
+    names = [driver.partition(", ")[0] for driver in means]
+    styles, lines = styles_of(names), lines_of(names)
     for place, (driver, own) in enumerate(means.items()):
         name, _, check = driver.partition(", ")
         color, mark = styles[name]
         if driver in banded:
             style = {"color": color, "marker": mark, "markersize": 4, "label": driver}
+            style |= {"linestyle": lines[name]}
             numbers, values = zip(*own, strict=True)
             curves[driver] = banded_curve(axes, numbers, values, (lowest, math.inf), **style)
             continue
@@ -319,9 +332,12 @@ def curves_by_density(
             marker=mark,
             markersize=4,
             linewidth=1.2,
-            linestyle=("--" if check == "strict" else "-") if joined else "",
+            linestyle=("--" if check == "strict" else lines[name]) if joined else "",
             elinewidth=1.2,
             capsize=2,
         )
         curves[driver].set_label(driver)
+    if not len(steps) and means:
+        axes.set_xticks([number for own in means.values() for number, _ in own][:1])
+        axes.set_xlim(axes.get_xticks()[0] - 1, axes.get_xticks()[0] + 1)
     return curves

@@ -262,6 +262,8 @@ def worst_sessions(
     sign = 1.0 if column.startswith(LOW_IS_WORSE) else -1.0
     given = _given(word, table, [*dict.fromkeys(row.driver for row in results)])
     chosen = [row for row in results if word is None or row.driver in given]
+    if len({getattr(row, column) for row in chosen}) == 1 and len(chosen) > count:
+        raise ConfigError(f"All {len(chosen)} episodes have the same {column}: name another one.")
     worst = sorted(chosen, key=lambda row: sign * getattr(row, column))[:count]
     specs = _specs({row.driver: row.group for row in worst}, given)
     with closing(HighwayEnv(config=config, **custom._asdict())) as env:
@@ -279,7 +281,15 @@ def _given(word: str | None, table: Path, names: Sequence[str]) -> dict[str, Dri
     """Return the drivers that ``word`` names, by their names in the table, which are ``names``."""
     if word is None:
         return {}
-    given = {spec.name: spec for spec in find_drivers([word])}
+    try:
+        given = {spec.name: spec for spec in find_drivers([word])}
+    except ConfigError as error:
+        if printable(word) not in names:
+            raise
+        raise ConfigError(
+            f"{error.args[0][:-1]}: {word} is the table's name of a run, so name its folder or "
+            "file, or of a group 'GROUP=PATTERN'."
+        ) from error
     if (whole := printable(word)) in names:  # such as a path, beside another with the same end
         given = {whole: find_drivers([word])[0]}
     if not given.keys() & set(names):
@@ -300,7 +310,7 @@ def _specs(groups: Mapping[str, str], given: Mapping[str, DriverSpec]) -> dict[s
         try:
             spec = given[name] if name in given else find_drivers([name])[0]
         except ConfigError as error:
-            how = "name the table's driver with --driver"
+            how = "name its folder or file with --driver"
             if group not in ("", name):
                 how = f"name the group as in the evaluation, --driver '{group}=PATTERN'"
             raise ConfigError(f"{error.args[0][:-1]}: {how}.") from error

@@ -133,6 +133,11 @@ def require_distinct(rows: Iterable[EpisodeResult]) -> None:
                 f"There are rows of {row.driver} under the checks {first} and {row.safety_check}: "
                 "compare them apart."
             )
+    _require_once(rows)
+
+
+def _require_once(rows: Iterable[EpisodeResult]) -> None:
+    """Raise DrlAvError if a driver drove a seed among as many vehicles twice."""
     driven = Counter((row.driver, row.seed, row.vehicles) for row in rows)
     for (driver, seed, vehicles), times in driven.items():
         if times > 1:
@@ -225,7 +230,13 @@ def summarize(rows: Iterable[EpisodeResult]) -> list[Summary]:
     """Summarize the episodes of each driver or group, check, number of vehicles and world.
 
     The summaries are in the order of their first rows.
+
+    Raises:
+        DrlAvError: a driver drove a seed twice in one of them.
     """
+    rows = list(rows)
+    for own in grouped(rows, lambda row: (row.safety_check, row.world)).values():
+        _require_once(own)
     groups = grouped(rows, lambda row: (row.vehicles, row.compared_as, row.safety_check, row.world))
     return [
         Summary(

@@ -16,8 +16,8 @@ from drl_av.drivers.learned import INPUTS, KIND
 from drl_av.drivers.policy_file import save
 from drl_av.driving.wide_observation import EGO_AT, LANES_ASIDE
 from drl_av.env.fork import twin_of
-from drl_av.errors import ConfigError, DrlAvError
-from drl_av.files.atomic import locked
+from drl_av.errors import ConfigError, DrlAvError, RunError
+from drl_av.files.atomic import locked, replacing
 from drl_av.files.table import append_rows, table_bytes
 from drl_av.learning.run_folder import AT_SCALE, refusals_to_make, require_new, require_no_hold
 
@@ -82,12 +82,12 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
     learner, table = learner_of(config, worlds), folder / AT_SCALE
     updates, policy = settings.decisions // settings.batch_size, folder / "policy.safetensors"
     with refusals_to_make(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(folder, RunError) as new:
+        new.mkdir()
+        (new / "config.toml").write_text(annotated_toml(config), encoding="utf-8")
+        (new / AT_SCALE).write_bytes(table_bytes(Progress))
     with locked(folder):
-        require_new(folder)  # another training may have begun here since
-        with refusals_to_make(folder):
-            (folder / "config.toml").write_text(annotated_toml(config), encoding="utf-8")
-            table.write_bytes(table_bytes(Progress))
         try:
             for update in range(1, updates + 1):
                 paid = worlds.paid

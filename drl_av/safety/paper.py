@@ -201,7 +201,8 @@ class PaperBeforeLaneEnds(Paper):
         found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
         around = scene.lanes, (*ground, values[FRONT])
         settings = self._config, self._strict, self._ego
-        before_lane_ends.fast(scene.snapshot.arrays, values, codes, *around, *settings, *found)
+        seen = scene.snapshot.arrays, values, codes.copy()  # which it changes meanwhile
+        before_lane_ends.fast(*seen, *around, *settings, *found)
         return found
 
 

@@ -147,9 +147,21 @@ def test_a_lane_that_leads_elsewhere_ends_and_must_be_left(net: Path) -> None:
     within_m = pytest.approx(sumo.lane.getLength("in_0") - 300, abs=1e-6)
     assert scene.affordances.mandatory == (1, within_m)
     while "ego" in sumo.vehicle.getIDList() and sumo.vehicle.getRoadID("ego") != "on":
-        ego.step()
         sumo.simulationStep()
+        ego.step()
     assert sumo.vehicle.getRoadID("ego") == "on"
+
+
+@pytest.mark.parametrize("steps", [0, 2])
+def test_a_step_that_is_not_called_after_each_step_of_sumo_is_refused(
+    net: Path, steps: int
+) -> None:
+    begin(net, car("ego", 1, 100))
+    ego, _, _ = attached()
+    for _ in range(steps):
+        sumo.simulationStep()
+    with pytest.raises(SimulationError, match="call step once after each simulationStep"):
+        ego.step()
 
 
 def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(net: Path) -> None:

@@ -25,7 +25,7 @@ from drl_av.drivers.registry import find_drivers
 from drl_av.env import highway
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
-from drl_av.errors import ConfigError, RunError
+from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.evaluation import episodes as module
 from drl_av.evaluation.episodes import Evaluation, drive_episodes
 from drl_av.evaluation.statistics import (
@@ -159,12 +159,14 @@ def test_one_episode_has_no_interval(tmp_path: Path) -> None:
 def test_summary_counts_hits_and_groups_by_vehicles_driver_and_check() -> None:
     rows = [
         RESULT,
-        replace(RESULT, mean_speed_m_s=22.0, collided=True, ego_hit=True),
-        replace(RESULT, mean_speed_m_s=24.0, collided=True),
+        replace(RESULT, seed=1, mean_speed_m_s=22.0, collided=True, ego_hit=True),
+        replace(RESULT, seed=2, mean_speed_m_s=24.0, collided=True),
         replace(RESULT, safety_check="permit_all"),
         replace(RESULT, vehicles=1),
     ]
     first, *others = summarize(rows)
+    with pytest.raises(DrlAvError, match="drove seed 0 among 5 vehicles twice"):
+        summarize([*rows, RESULT])
     assert (first.episodes, first.collisions, first.ego_hits) == (3, 2, 1)
     assert first.speed_m_s.value == 22.0
     assert [(s.vehicles, s.safety_check, s.episodes) for s in others] == [

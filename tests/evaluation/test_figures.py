@@ -85,9 +85,10 @@ def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
 @pytest.mark.parametrize(
     ("other", "words"),
     [
-        (["--traffic", "hazards"], "speed_gain_min is 0.0 and 1.0"),
-        (["--world", "twin"], "world is sumo and twin"),
-        (["--scenario", "straight"], "scenario is circular_three_lane and straight"),
+        (["--traffic", "hazards"], "traffic.speed_gain_min is 0.0 and 1.0"),
+        (["--world", "twin"], "simulation.world is sumo and twin"),
+        (["--scenario", "straight"], "simulation.scenario is circular_three_lane and straight"),
+        (["-o", "ego.max_speed_m_s=33"], "ego.max_speed_m_s is 30.0 and 33.0"),
     ],
 )
 def test_tables_of_different_traffic_are_not_drawn_together(
@@ -99,7 +100,7 @@ def test_tables_of_different_traffic_are_not_drawn_together(
     assert main(["evaluate", "random", *calm, *other, *given, "b.csv"]) == 0
     capsys.readouterr()
     assert main(["figures", "a.csv", "b.csv", "--out", "drawn"]) == 1
-    assert f"a.csv and b.csv are of different traffic ({words}): draw" in error_message(capsys)
+    assert f"a.csv and b.csv are of different episodes ({words}): draw" in error_message(capsys)
     assert not (here / "drawn").exists()
     assert main(["evaluate", "random", "--traffic", "calm", *given, "c.csv"]) == 0
     assert main(["figures", "a.csv", "c.csv", "--out", "drawn"]) == 0
@@ -354,6 +355,17 @@ def test_no_two_drivers_of_a_figure_share_a_style_and_a_name_alone_keeps_its_own
     pair = styles_of([second, first])
     assert pair[first] == alone[first]
     assert pair[second][0] != alone[second][0]
+
+
+def test_one_driver_under_two_checks_has_two_lines_and_a_single_number_its_own_tick() -> None:
+    names = ("mine", "mine@paper", "mine@strict", "idm")
+    rows = [episode(name, 0, 20.0, vehicles=71) for name in names]
+    [axes] = speed_figure(rows).axes
+    assert [c.lines[0].get_linestyle() for c in axes.containers] == ["-", "--", ":", "-"]
+    assert [line.get_linestyle() for line in profile_figure(rows).axes[0].lines[:4]] == [
+        *("-", "--", ":", "-")
+    ]
+    assert (axes.get_xticks().tolist(), axes.get_xlim()) == ([71.0], (70.0, 72.0))
 
 
 @pytest.mark.parametrize(("columns", "width_in"), [("1", 3.5), ("2", 7.16)])

@@ -73,7 +73,7 @@ def test_without_a_way_nothing_is_said_of_one() -> None:
 def test_the_summary_counts_exits_and_merges() -> None:
     exits = summarize([*drives("mine", "oxoo", *FASTER), *drives("idm", "xx", 30.0, 30.0)])
     assert [(each.exits_taken, each.merged) for each in exits] == [(3, None), (0, None)]
-    merges = [replace(RESULT, way="merged"), replace(RESULT, way="not merged")]
+    merges = [replace(RESULT, way="merged"), replace(RESULT, seed=1, way="not merged")]
     assert [(each.exits_taken, each.merged) for each in summarize(merges)] == [(None, 1)]
 
 

@@ -87,6 +87,11 @@ def test_a_wrong_wish_is_one_sentence(table: list[dict[str, str]], capsys: Capsy
             "'pretrained-paper@paper'?): name one of: pretrained, pretrained-paper@paper, random.",
         ),
         (["idm", "--driver", "idm"], "idm and idm are no one episode"),
+        (
+            ["rows.csv", "--worst", "vehicles", "--driver", "random"],
+            "All 2 episodes have the same vehicles: name another one.",
+        ),
+        (["idm", "-o", "ppo.discount=0.5"], "-o ppo.discount=0.5 is a setting of trainings"),
     ):
         capsys.readouterr()
         assert main(["replay", *words]) == 1
@@ -101,7 +106,9 @@ def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
     capsys.readouterr()
     again = ["replay", "rows.csv", "--worst", "mean_reward", "--html", "a.html"]
     assert main(again) == 1
-    assert "name the table's driver with --driver" in error_message(capsys)
+    assert "name its folder or file with --driver" in error_message(capsys)
+    assert main([*again, "--driver", "mine"]) == 1
+    assert "mine is the table's name of a run, so name its folder" in error_message(capsys)
     assert main([*again, "--driver", "runs/mine"]) == 0
     text = Path("rows.csv").read_text()
     reward = min(rows(), key=lambda row: float(row["mean_reward"]))["mean_reward"]
@@ -126,7 +133,7 @@ def test_the_trainings_of_a_group_are_found_again_as_the_message_says(
 ) -> None:
     for seed in (1, 2):
         run_folder(here / "moved" / f"seed-{seed}")
-    assert main([*evaluate("mine=moved/seed-*"), "--episodes", "1"]) == 0
+    assert main([*evaluate("mine=moved/seed-*"), "--episodes", "2"]) == 0
     capsys.readouterr()
     again = ["replay", "rows.csv", "--worst", "mean_reward", "--html", "a.html"]
     assert main(again) == 1

@@ -14,7 +14,6 @@ from worlds import ROAD
 from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
 from drl_av.errors import DrlAvWarning, RunError
-from drl_av.files.atomic import locked
 from drl_av.learning.large_scale import learner_of, train_at_scale
 from drl_av.learning.twin_worlds import (
     PLACES_M,
@@ -273,13 +272,14 @@ def test_two_trainings_at_scale_do_not_write_to_one_folder(tmp_path: Path) -> No
     with pytest.raises(RunError, match="exists already: choose another folder"):
         next(train_at_scale(tmp_path / "run", small))
     first.close()
-    (tmp_path / "empty").mkdir()
-    with (
-        locked(tmp_path / "empty"),
-        pytest.raises(RunError, match=r"Another training is writing to .*/empty: wait"),
-    ):
-        next(train_at_scale(tmp_path / "empty", small))
-    assert not any((tmp_path / "empty").iterdir())
+
+
+def test_a_full_disk_leaves_no_folder_of_a_training_at_scale(
+    tmp_path: Path, full_disk: None
+) -> None:
+    with pytest.raises(RunError, match="No space left on device"):
+        next(train_at_scale(tmp_path / "run", PRESETS["large"]))
+    assert not (tmp_path / "run").exists()
 
 
 def test_trainings_with_neighbouring_seeds_and_the_parts_of_one_drive_other_traffic() -> None:
