@@ -96,7 +96,7 @@ def figures(options: argparse.Namespace) -> int:
         title = title_of((row.compared_as, row.safety_check) for row in rows)
         figures |= {"mean_speed": speed_figure(rows), "speed_profile": profile_figure(rows)}
         if gains := _gains(rows):
-            figures["gain"] = gain_figure(gains)
+            figures["gain"] = gain_figure(gains, rows)
         for figure in figures.values():
             add_title(figure, title)
     if every_run:

@@ -235,18 +235,23 @@ def speed_figure(rows: Sequence[EpisodeResult]) -> "Figure":
     return figure
 
 
-def gain_figure(gains: Iterable[PairedGain]) -> "Figure":
+def gain_figure(gains: Iterable[PairedGain], rows: Sequence[EpisodeResult]) -> "Figure":
     """Draw gains in mean speed over the fastest rule-based driver, with their 95 % intervals.
 
-    The gains are paired by traffic, so that their intervals are far smaller than the differences
-    between those of ``speed_figure``. There is one curve for each driver; zero is the rule.
+    The gains, of the episodes ``rows``, are paired by traffic, so that their intervals are far
+    smaller than the differences between those of ``speed_figure``. There is one curve for each
+    driver; zero is the rule. The intervals of a group, over its trainings, are a band.
     """
+    drivers = grouped(rows, lambda row: row.compared_as)
+    labels = {name: _label(own) for name, own in drivers.items()}
+    banded = [labels[name] for name, own in drivers.items() if own[0].is_training]
     means: dict[str, list[tuple[float, Mean]]] = {}
     for gain in gains:
-        means.setdefault(gain.driver, []).append((gain.vehicles, gain.difference_m_s))
+        points = means.setdefault(labels[gain.driver], [])
+        points.append((gain.vehicles, gain.difference_m_s))
     figure, axes = one_panel("vehicles around the ego", "gain over the fastest rule, m/s")
     axes.axhline(0.0, color="#555555", linewidth=1)
-    legend_of_names(axes, curves_by_density(axes, means))
+    legend_of_names(axes, curves_by_density(axes, means, banded=banded))
     return figure
 
 

@@ -66,7 +66,7 @@ def test_the_gain_is_paired_by_traffic_and_over_the_fastest_rule(
     assert (here / "drawn" / "gain.png").is_file()
     results = results_of(read_table(here / "set.csv"), EpisodeResult)
     gains = gains_over_fastest(results, ["idm", "gap-mobil"])
-    [axes] = gain_figure(gains).axes
+    [axes] = gain_figure(gains, results).axes
     [curve] = axes.containers
     assert curve.get_label() == "pretrained"
     assert curve.lines[0].get_ydata().tolist() == pytest.approx([0.6, 0.6])

@@ -14,7 +14,13 @@ from drl_av.drivers.registry import baselines, find_drivers
 from drl_av.errors import ConfigError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.evaluate import evaluate
-from drl_av.evaluation.figures import learning_figure, profile_figure, speed_figure, styles_of
+from drl_av.evaluation.figures import (
+    gain_figure,
+    learning_figure,
+    profile_figure,
+    speed_figure,
+    styles_of,
+)
 from drl_av.evaluation.statistics import gains_over_fastest, overall, summarize
 
 SPEEDS = {"ppo/seed-1": (20.0, 24.0), "ppo/seed-2": (26.0, 30.0), "ppo/seed-10": (30.0, 38.0)}
@@ -81,6 +87,11 @@ def test_figures_have_a_curve_and_a_band_for_a_group() -> None:
     ends = band.get_paths()[0].get_extents()
     assert (ends.y0, ends.y1) == pytest.approx((28 - 14.905, 28 + 14.905), abs=1e-2)
     assert "ppo, 3 trainings" in labels
+    [gains] = gain_figure(gains_over_fastest(ROWS, ["idm"]), ROWS).axes
+    assert "ppo, 3 trainings" in [line.get_label() for line in gains.lines]
+    assert gains.collections[0].get_paths()[0].get_extents().y1 == pytest.approx(
+        3 + 14.905, abs=1e-2
+    )
     [profile] = profile_figure(ROWS).axes
     [shares, other] = profile.lines
     assert shares.get_ydata()[0] == 1
