@@ -1,6 +1,7 @@
 """The errors that the package raises; each message is one sentence: what, where, what to do."""
 
 import unicodedata
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -27,6 +28,11 @@ class DrlAvError(Exception):
 
 class DrlAvWarning(UserWarning):
     """What a user should know before believing a result; ``drl-av`` prints it in one line."""
+
+
+def warn(text: str, stacklevel: int = 2) -> None:
+    """Give a DrlAvWarning; ``stacklevel`` is as for ``warnings.warn``, called in place of this."""
+    warnings.warn(text, DrlAvWarning, stacklevel=stacklevel + 1)
 
 
 class ConfigError(DrlAvError):

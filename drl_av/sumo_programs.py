@@ -10,7 +10,6 @@ import locale
 import os
 import re
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -18,7 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 
-from drl_av.errors import DrlAvWarning, SimulationError
+from drl_av.errors import SimulationError, warn
 
 SERIES = "1.28"
 """The version of SUMO that drl-av is made for, as in the requirements of the package."""
@@ -136,11 +135,9 @@ def require_plain_numbers() -> None:
         return
     former = locale.setlocale(locale.LC_NUMERIC)
     locale.setlocale(locale.LC_NUMERIC, "C")
-    warnings.warn(
+    warn(
         f"LC_NUMERIC of this process was {former}, with which SUMO cannot read a number such as "
-        "3.8: it is C from now on.",
-        DrlAvWarning,
-        stacklevel=2,
+        "3.8: it is C from now on."
     )
 
 

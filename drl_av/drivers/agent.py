@@ -8,7 +8,6 @@ import importlib
 import json
 import pickle
 import re
-import warnings
 import zipfile
 from collections.abc import Callable, Mapping
 from itertools import pairwise
@@ -27,7 +26,7 @@ from drl_av.driving.affordances import INDICATORS, ROUTE_INDICATORS, observed_in
 from drl_av.driving.observation_scale import indicator_bounds
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE
-from drl_av.errors import CheckpointError, DrlAvWarning, needed_by
+from drl_av.errors import CheckpointError, needed_by, warn
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
 
@@ -186,11 +185,9 @@ def _own_parts(path: Path, data: Mapping[str, Any]) -> tuple[Any, dict[str, Any]
     try:
         policy_class, kwargs = (part_of_agent(data, name, unpickled) for name in names)
     except Foreign as foreign:
-        warnings.warn(
+        warn(
             f"{path} is loaded by running code that it names ({foreign}): stop here with Ctrl-C "
-            "unless you trust the file.",
-            DrlAvWarning,
-            stacklevel=2,
+            "unless you trust the file."
         )
         try:
             policy_class, kwargs = (part_of_agent(data, name, pickle.loads) for name in names)
@@ -322,11 +319,9 @@ def _normalization(
     if by_library:
         return _vec_normalize(path, observes)
     if beside:
-        warnings.warn(
+        warn(
             f"{path} was not trained with VecNormalize, so it observes raw values; the statistics "
-            f"in {beside} are not used.",
-            DrlAvWarning,
-            stacklevel=2,
+            f"in {beside} are not used."
         )
     return None
 

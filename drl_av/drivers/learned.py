@@ -4,7 +4,6 @@ A driver of Algorithm 1 follows the greedy policy of its Q-network. One that was
 takes the most probable permitted action (ours).
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from drl_av.driving.affordances import observed_indicators
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import LANES_ASIDE, WIDE_SIZE, observe_wide
-from drl_av.errors import ConfigError, DrlAvWarning, RunError
+from drl_av.errors import ConfigError, RunError, warn
 from drl_av.safety import action_mask
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
@@ -177,21 +176,17 @@ def actor_driver(
             "would drive with here: leave these settings as they are."
         )
     if own.safety.check == "strict" != config.safety.check:
-        warnings.warn(
+        warn(
             f"{name} was trained under strict and relies on it: under {config.safety.check} it "
             "proposes what strict would refuse, and hits vehicles; name --safety-check strict "
-            "(safety_check=).",
-            DrlAvWarning,
-            stacklevel=2,
+            "(safety_check=)."
         )
     road = load_scenario(find_scenario(config.simulation.scenario)).road
     if road.partial_lanes and not own.observation.way:
-        warnings.warn(
+        warn(
             f"{name} was trained on a loop and does not see where a lane ends or leaves, as on "
             f"{config.simulation.scenario}: it may stand at the end of its lane; gap-mobil and "
-            "pretrained-ramp_to_ramp see it.",
-            DrlAvWarning,
-            stacklevel=2,
+            "pretrained-ramp_to_ramp see it."
         )
     return MaskedPolicyDriver(layers, check, config)
 

@@ -4,7 +4,6 @@ To add a rule-based driver, write its file and add a line to ``RULE_DRIVERS``.
 """
 
 import os
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -40,7 +39,7 @@ from drl_av.drivers.rule_based import (
     SumoDriver,
     require_world,
 )
-from drl_av.errors import ConfigError, DrlAvWarning, printable
+from drl_av.errors import ConfigError, printable, warn
 from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
@@ -277,11 +276,9 @@ def warn_of_checks(specs: Sequence[DriverSpec], check: str) -> None:
     if others:
         named = ", ".join(f"{name} by itself under {each}" for name, each in others.items())
         example = "@".join(next(iter(others.items())))
-        warnings.warn(
+        warn(
             f"All drivers without a named check drive under {check}, but {named}: name one check "
-            f"with --safety-check (safety_check=), or a driver's own, such as {example}.",
-            DrlAvWarning,
-            stacklevel=2,
+            f"with --safety-check (safety_check=), or a driver's own, such as {example}."
         )
 
 

@@ -1,7 +1,6 @@
 """The start of an episode: its seed, its traffic and its number of vehicles."""
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from drl_av.config.section import did_you_mean
 from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.twin_simulation import TwinSimulation
-from drl_av.errors import ConfigError, DrlAvWarning, pluralize
+from drl_av.errors import ConfigError, pluralize, warn
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.scenarios.folder import Scenario, with_scenario
 from drl_av.scenarios.layout import Layout
@@ -41,10 +40,9 @@ def settings_on(
     given, usual = as_config(config), SimulationConfig().scenario
     settings, named = with_scenario(given, scenario), with_scenario(given).simulation.scenario
     if settings.simulation.scenario != named != usual:
-        warnings.warn(
+        warn(
             f"The environment is on the road {settings.simulation.scenario}, not on {named} of its "
             "settings: name one of them.",
-            DrlAvWarning,
             stacklevel=3,
         )
     return settings
@@ -79,12 +77,10 @@ def most_decisions(config: Config, layout: Layout) -> int:
     if most >= DECISIONS:
         return max(most, math.ceil(2 * way_m / fast_m))
     if way_m > most * fast_m:
-        warnings.warn(
+        warn(
             f"The ego cannot take its exit: its way has {way_m:.0f} m, but in {most} decisions it "
             f"drives at most {most * fast_m:.0f} m: set simulation.decisions_per_episode to "
-            f"{DECISIONS}, with which an episode is as long as the way needs.",
-            DrlAvWarning,
-            stacklevel=2,
+            f"{DECISIONS}, with which an episode is as long as the way needs."
         )
     return most
 

@@ -1,7 +1,6 @@
 """Functions that write, read and verify scenario folders, and that find the shipped ones."""
 
 import os
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -12,7 +11,7 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.config.section import did_you_mean
 from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
-from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError
+from drl_av.errors import ConfigError, ScenarioError, warn
 from drl_av.files.atomic import replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
@@ -273,10 +272,9 @@ def with_scenario(
     is_name = isinstance(name_or_path, str) and name_or_path in shipped_scenarios()
     description = os.path.join(name_or_path, folder_files.DESCRIPTION_FILE)
     if is_name and not is_own and os.path.isfile(description):
-        warnings.warn(
+        warn(
             f"The scenario {name_or_path} is the one that ships; write ./{name_or_path} for the "
             "folder here.",
-            DrlAvWarning,
             stacklevel=1,
         )
     is_folder = not is_name and os.path.isdir(name_or_path)  # False for a name that is too long
