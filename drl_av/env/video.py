@@ -20,6 +20,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.renderer import next_caption
 from drl_av.env.transition import Observation, Transition
 from drl_av.errors import ConfigError, RecordingError
+from drl_av.files.atomic import refusals
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 
@@ -131,12 +132,8 @@ class RecordVideo(
         require_function(episode_trigger, "episode_trigger", "episode")
         self._highway = env.unwrapped
         self._prefix = Path(video_folder) / name_prefix
-        try:
+        with refusals(f"The folder {video_folder} cannot be made", "name another", RecordingError):
             self._prefix.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RecordingError(
-                f"The folder {video_folder} cannot be made ({error.strerror}): name another."
-            ) from error
         names = f"{glob.escape(self._prefix.name)}-episode-*.mp4"
         if any(self._prefix.parent.glob(names)):
             gymnasium.logger.warn(

@@ -91,13 +91,17 @@ def make_folder(folder: Path, option: str) -> None:
     Raises:
         DrlAvError: the folder cannot be made.
     """
-    try:
+    with refusals(f"The folder {folder} cannot be made", f"choose another one with {option}"):
         folder.mkdir(parents=True, exist_ok=True)
+
+
+@contextmanager
+def refusals(what: str, remedy: str, kind: type[DrlAvError] = DrlAvError) -> Iterator[None]:
+    """Replace an OSError in the block by an error that says what cannot be done, and a remedy."""
+    try:
+        yield
     except OSError as error:
-        raise DrlAvError(
-            f"The folder {folder} cannot be made ({error.strerror}): choose another one with "
-            f"{option}."
-        ) from error
+        raise kind(f"{what} ({error.strerror or error}): {remedy}.") from error
 
 
 def require_writable(

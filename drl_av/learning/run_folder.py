@@ -17,7 +17,7 @@ from drl_av.drivers.registry import DRIVER_FILES
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, custom_inputs
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
-from drl_av.files.atomic import locked, replacing
+from drl_av.files.atomic import locked, refusals, replacing
 from drl_av.files.table import table_bytes
 from drl_av.learning.algorithm_1 import (
     EpisodeRow,
@@ -196,18 +196,10 @@ def require_new(folder: Path, resumable: bool = False) -> None:
         raise RunError(f"{folder} exists already: {remedy}choose another folder with --out.")
 
 
-@contextmanager
-def refusals(what: str, remedy: str) -> Iterator[None]:
-    """Replace an OSError in the block by a RunError that says what cannot be done, and a remedy."""
-    try:
-        yield
-    except OSError as error:
-        raise RunError(f"{what} ({error.strerror or error}): {remedy}.") from error
-
-
 def refusals_to_make(folder: Path) -> AbstractContextManager[None]:
     """Replace an OSError in the block, which makes a run's folder, by a RunError."""
-    return refusals(f"The run folder {folder} cannot be made", "choose another folder with --out")
+    what, remedy = f"The run folder {folder} cannot be made", "choose another folder with --out"
+    return refusals(what, remedy, RunError)
 
 
 def _without_digest(part: str) -> str:
@@ -229,6 +221,7 @@ def _refusals_of(file: Path) -> AbstractContextManager[None]:
         f"{file} cannot be written",
         "free some space or make it writable, then continue with --resume; nothing saved before is "
         "lost",
+        RunError,
     )
 
 

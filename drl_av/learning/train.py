@@ -12,8 +12,9 @@ from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, with_check
 from drl_av.env.transition import RewardFunction
-from drl_av.errors import ConfigError, DrlAvError
-from drl_av.learning.run_folder import Progress, open_training, refusals
+from drl_av.errors import ConfigError, DrlAvError, RunError
+from drl_av.files.atomic import refusals
+from drl_av.learning.run_folder import Progress, open_training
 from drl_av.learning.run_folder import train as train_run
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import with_scenario
@@ -147,4 +148,5 @@ def _refusals_of(folder: Path) -> AbstractContextManager[None]:
     return refusals(
         f"The TensorBoard events in {folder} cannot be written",
         "free some space, or continue with --resume and without --tensorboard",
+        RunError,
     )

@@ -12,7 +12,7 @@ from drl_av.config import Config
 from drl_av.config.section import did_you_mean
 from drl_av.config.traffic import NO_PAPER_DRIVERS, PAPER_SHARES, SUMO_ALONE
 from drl_av.errors import ConfigError, ScenarioError, warn
-from drl_av.files.atomic import replacing
+from drl_av.files.atomic import refusals, replacing
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import VehicleTypes, read_types, type_attributes
 from drl_av.scenarios import folder_files
@@ -90,12 +90,9 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
     _require_free(folder)
     require_ego(description.vehicles)
     texts = folder_files.scenario_texts(description)
-    try:
+    what = f"The folder {folder.parent} cannot be made"
+    with refusals(what, "choose another one", ScenarioError):
         folder.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ScenarioError(
-            f"The folder {folder.parent} cannot be made ({error.strerror}): choose another one."
-        ) from error
     with replacing(folder, ScenarioError) as unfinished:
         unfinished.mkdir(parents=True)
         for name, text in texts.items():
