@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
-from drl_av.drivers.checked import NormalizedDriver, PolicyDriver
+from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.safe_pickle import Foreign, is_pickled, part_of_agent, unpickled
 from drl_av.driving.actions import ACTIONS, Action, action_of
@@ -52,16 +52,18 @@ _NOT_NEGATIVE = [row for row, name in enumerate(INDICATORS) if name.endswith("_d
 
 
 class MaskedAgent(Driver):
-    """An agent of MaskablePPO: it chooses among the actions that ``check`` permits."""
+    """An agent of MaskablePPO: it chooses among the actions that ``check`` permits.
 
-    def __init__(self, policy: Any, check: SafetyCheck) -> None:
-        self._policy, self._check = policy, check
+    ``choose`` returns the number of the most probable action for an observation and a mask.
+    """
+
+    def __init__(self, choose: Callable[..., Any], check: SafetyCheck) -> None:
+        self._choose, self._check = choose, check
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the agent's most probable action under the mask of the scene."""
         mask = action_mask(self._check, scene)
-        chosen, _ = self._policy.predict(observation, action_masks=mask, deterministic=True)
-        return action_of(chosen)
+        return action_of(self._choose(observation, action_masks=mask))
 
 
 def driver_of_agent(
@@ -100,11 +102,12 @@ def driver_of_agent(
         raise CheckpointError(
             f"{path} cannot be loaded as an agent ({_squeezed(error)}): save it again."
         ) from error
-    if "maskable" in module:
-        driver: Driver = MaskedAgent(policy, check())
-    else:
-        driver = PolicyDriver(lambda seen: policy.predict(seen, deterministic=True)[0])
-    return driver if normalize is None else NormalizedDriver(driver, normalize)
+
+    def choose(seen: Any, **mask: Any) -> Any:
+        given = seen if normalize is None else normalize(seen)
+        return policy.predict(given, deterministic=True, **mask)[0]
+
+    return MaskedAgent(choose, check()) if "maskable" in module else PolicyDriver(choose)
 
 
 def _no_learning(progress: float) -> float:

@@ -29,21 +29,6 @@ STEADY = ACTIONS[0]
 """Keep the lane and the speed."""
 
 
-class NormalizedDriver(Driver):
-    """A driver that observes what ``normalize`` makes of an observation."""
-
-    def __init__(self, driver: Driver, normalize: Callable[[Any], Any]) -> None:
-        self._driver, self._normalize = driver, normalize
-
-    def start(self, seed: int) -> None:
-        """Start the inner driver."""
-        self._driver.start(seed)
-
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
-        """Return the inner driver's action for the normalized observation."""
-        return self._driver.act(scene, self._normalize(observation))
-
-
 class SteadyDriver(Driver):
     """A driver that begins only what it can go on with (ours).
 
