@@ -2,9 +2,8 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from threading import Thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -312,9 +311,6 @@ class OnnxDriver(Driver):
         return ACTIONS[int(chosen.argmax())]
 
 
-Feed = dict[str, npt.NDArray[Any]]
-
-
 class _Watched:
     """Runs a session in a thread of its own, so that an endless network can be ended.
 
@@ -322,42 +318,22 @@ class _Watched:
     """
 
     def __init__(self, path: Path, session: Any, options: Any) -> None:
-        self._path, self._options = path, options
-        self._feeds: SimpleQueue[Feed | None] = SimpleQueue()
-        self._results: SimpleQueue[Any] = SimpleQueue()
-        given = session, options, self._feeds, self._results
-        self._thread = Thread(target=_serve, args=given, daemon=True)
-        self._thread.start()
+        self._path, self._session, self._options = path, session, options
+        self._thread = ThreadPoolExecutor(1)
 
-    def __call__(self, feed: Feed) -> Any:
+    def __call__(self, feed: dict[str, npt.NDArray[Any]]) -> Any:
         """Return the network's first output, or raise what the session raises."""
-        self._feeds.put(feed)
+        running = self._thread.submit(self._session.run, None, feed, self._options)
         try:
-            found = self._results.get(timeout=LONGEST_RUN_S)
+            return running.result(LONGEST_RUN_S)[0]
         except BaseException as error:  # Ctrl-C too
+            if running.done():
+                raise
             self._options.terminate = True
-            self._feeds.put(None)
-            self._thread.join(LONGEST_RUN_S)  # Python must not exit while onnxruntime runs
-            if not isinstance(error, Empty):
+            wait([running], LONGEST_RUN_S)  # Python must not exit while onnxruntime runs
+            if not isinstance(error, TimeoutError):
                 raise
             raise CheckpointError(
                 f"{self._path} has not decided within {LONGEST_RUN_S:g} s: export a network "
                 "without an endless loop."
             ) from error
-        if isinstance(found, Exception):
-            raise found
-        return found
-
-    def __del__(self) -> None:
-        self._feeds.put(None)
-
-
-def _serve(
-    session: Any, options: Any, feeds: "SimpleQueue[Feed | None]", results: "SimpleQueue[Any]"
-) -> None:
-    """Answer each feed with the session's first output, or its error, until the feed is None."""
-    while (feed := feeds.get()) is not None:
-        try:
-            results.put(session.run(None, feed, options)[0])
-        except Exception as error:
-            results.put(error)
