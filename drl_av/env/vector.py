@@ -1,6 +1,5 @@
 """``gymnasium.make_vec("drl_av/Highway-v0", ...)``: many highways at once, in the compiled twin."""
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy, deepcopy
 from functools import cached_property
@@ -138,7 +137,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         require_numbers(max_episode_steps=(self._limit, 1, None))
         if autoreset_mode not in (*AutoresetMode, *(modes := [m.value for m in AutoresetMode])):
             raise ConfigError(not_one_of("autoreset_mode", autoreset_mode, modes))
-        self._make_worlds(num_envs, AutoresetMode(autoreset_mode))
+        self._make_episodes(num_envs, AutoresetMode(autoreset_mode))
         self._make_arrays(config.traffic.vehicles_max + 1, FIRST_EVENTS)
 
     @cached_property
@@ -151,20 +150,14 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """The space of the actions of all worlds."""
         return batch_space(self.single_action_space, self.num_envs)
 
-    def _make_worlds(self, count: int, mode: AutoresetMode) -> None:
-        """Make what there is once a world, besides the arrays."""
-        self.num_envs, self.autoreset_mode = count, mode
+    def _make_episodes(self, count: int, mode: AutoresetMode) -> None:
+        """Make so many worlds, in which no episode has begun."""
+        self._make_worlds(count, self._threads)
+        self.autoreset_mode = mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self._generators: list[np.random.Generator | None] = [None] * count
-        self.seeds = np.full(count, -1)
-        """The traffic seed of each world's episode."""
-        self.vehicles = np.zeros(count, np.int64)
-        self.collided_with = np.full(count, "", dtype=object)
         self._over = np.ones(count, np.bool_)
-        self.fleets, self.routes, self.kept = {}, {}, {}
-        self._rows, self.ways = np.arange(count), np.full(count, "", dtype=object)
-        """The outcome of each ego's route."""
-        self._make_pool(max(1, min(self._threads, count, os.cpu_count() or 1)))
+        self._rows = np.arange(count)
 
     def reset(
         self,
@@ -234,20 +227,14 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
                 self.ways[row] = self.routes[row].outcome(self._indicators(row), bool(ends[row]))
         info = self._info()
         decided = proposed, executed, rules
-        info |= step_info(
-            self.episodes, ends, self.ways, decided, self.collided_with.copy(), ~begins
-        )
+        info |= step_info(self, ends, decided, ~begins)
         if not goes_on.all():
             info |= self._start_info(np.flatnonzero(begins))
         observations = self._observations()
         if self._reward is not None and before is not None:
             now, outcome = self._seen(observations), (rewards, terminated, truncated)
             for row in rows.tolist():
-                on_route = self.routes.get(row)
-                missed = on_route is not None and on_route.misses_exit(self._indicators(row))
-                route, name = (self.ways[row], missed), self.collided_with[row]
-                seen = before[row], now[row]
-                made = transition_of(row, self.episodes, seen, decided, outcome, route, name)
+                made = transition_of(self, row, (before[row], now[row]), decided, outcome)
                 rewards[row] = custom_reward(self._reward, made)
         self._begun = True
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._over.any():
@@ -280,7 +267,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         for space in ("observation_space", "action_space"):
             vars(fork).pop(space, None)  # those of other worlds, which take long to make
         fork._is_fork = True
-        fork._make_worlds(n, AutoresetMode.DISABLED)
+        fork._make_episodes(n, AutoresetMode.DISABLED)
         fork._make_arrays(self.worlds.x.shape[2], self.episodes.events.shape[1])
         given: tuple[Any, ...] = (*self.worlds, *self.episodes)
         made: tuple[Any, ...] = (*fork.worlds, *fork.episodes)
@@ -384,7 +371,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
     def _info(self) -> dict[str, Any]:
         """Return what ``reset`` and ``step`` have in common of ``info``."""
         mask = self.action_masks() if self._masked else None
-        return common_info(self.episodes, self.seeds, self.vehicles, self.ways, mask)
+        return common_info(self, mask)
 
     def _start_info(self, rows: npt.NDArray[np.intp]) -> dict[str, Any]:
         """Return what only a reset has in ``info``, of the worlds ``rows`` that begin anew."""

@@ -11,13 +11,12 @@ from drl_av.driving.scene import Scene
 from drl_av.env.reward import Rewards
 from drl_av.env.route_outcome import COMPLETE
 from drl_av.env.transition import Transition
-from drl_av.env.twin_episodes import Episodes
+from drl_av.env.world_arrays import WorldArrays
 from drl_av.road.snapshot import Collision
 from drl_av.road.sweep import KINDS, NO_CONTACT
 from drl_av.safety.check import RULES
 
 Flags = npt.NDArray[np.bool_]
-Words = npt.NDArray[Any]
 Numbers = npt.NDArray[np.int64]
 Decided = tuple[Numbers, Numbers, Numbers]
 """The numbers of the proposed and of the executed actions, and the rules, shape (worlds,) each."""
@@ -56,51 +55,36 @@ def present_in(info: dict[str, Any], worlds: Flags) -> dict[str, Any]:
     }
 
 
-def common_info(
-    episodes: Episodes,
-    seeds: Numbers,
-    vehicles: Numbers,
-    ways: Words,
-    action_mask: npt.NDArray[np.int8] | None,
-) -> dict[str, Any]:
-    """Return the present scenes' part of ``info``; ``ways`` are the outcomes of the routes."""
-    values = episodes.values[:, :27].copy()
+def common_info(worlds: WorldArrays, action_mask: npt.NDArray[np.int8] | None) -> dict[str, Any]:
+    """Return the present scenes' part of ``info``."""
+    values = worlds.episodes.values[:, :27].copy()
     info: dict[str, Any] = {
-        "seed": seeds.copy(),
-        "vehicles": vehicles.copy(),
+        "seed": worlds.seeds.copy(),
+        "vehicles": worlds.vehicles.copy(),
         "speed_m_s": values[:, 24].copy(),
         "indicators": values,
-        "way": ways.copy(),
+        "way": worlds.ways.copy(),
     }
     if action_mask is not None:
         info["action_mask"] = action_mask
-    return marked(info, np.ones(len(seeds), np.bool_))
+    return marked(info, np.ones(worlds.num_envs, np.bool_))
 
 
-def step_info(
-    episodes: Episodes,
-    over: Flags,
-    ways: Words,
-    decided: Decided,
-    collided_with: Words,
-    present: Flags,
-) -> dict[str, Any]:
+def step_info(worlds: WorldArrays, over: Flags, decided: Decided, present: Flags) -> dict[str, Any]:
     """Return what only a step has in ``info``.
 
     Args:
-        episodes: The episodes after the decisions.
-        over: Which of them are over, shape (worlds,).
-        ways: The outcomes of the egos' routes.
+        worlds: The worlds after the decisions.
+        over: Whose episodes are over, shape (worlds,).
         decided: What they decided.
-        collided_with: The names of the vehicles with which the egos collided, or "".
         present: Which worlds have made a decision.
     """
-    kind = episodes.collision[:, 0]
+    episodes, kind = worlds.episodes, worlds.episodes.collision[:, 0]
     hits = kind != NO_CONTACT
     proposed, executed, rules = decided
     r_v, r_y, r_x = episodes.terms.T.copy()
     info: dict[str, Any] = {
-        "is_success": over & ~hits & np.isin(ways, ("", *COMPLETE)),
+        "is_success": over & ~hits & np.isin(worlds.ways, ("", *COMPLETE)),
         "mean_speed_m_s": episodes.sums[:, 0] / np.maximum(episodes.decisions, 1),
         "ego_hit": EGO_HITS[kind],
         "safety_triggers": episodes.sums[:, 1].astype(np.int64),
@@ -109,34 +93,31 @@ def step_info(
         "rule": RULE_WORDS[rules],
         "rewards": marked({"r_v": r_v, "r_y": r_y, "r_x": r_x}, present),
         "collision": COLLISION_WORDS[kind],
-        "collided_with": collided_with,
+        "collided_with": worlds.collided_with.copy(),
     }
     return marked(info, present)
 
 
 def transition_of(
+    worlds: WorldArrays,
     row: int,
-    episodes: Episodes,
     seen: tuple[tuple[Scene, Any], tuple[Scene, Any]],
     decided: Decided,
     outcome: Sequence[npt.NDArray[Any]],
-    route: tuple[str, bool],
-    collided_with: str,
 ) -> Transition:
     """Return the record of a world's decision.
 
     Args:
+        worlds: The worlds after the decisions.
         row: The world.
-        episodes: The episodes after the decisions.
-        seen: The world's scene and observation before the decision and after it.
+        seen: Its scene and observation before the decision and after it.
         decided: What the worlds decided.
         outcome: The rewards, and whether the episodes terminated and were truncated.
-        route: The outcome of the ego's route, and whether it has missed its exit.
-        collided_with: The name of the vehicle with which the ego collided, or "".
     """
     (scene, observation), (next_scene, next_observation) = seen
     proposed, executed, rule = (int(each[row]) for each in decided)
-    kind = int(episodes.collision[row, 0])
+    kind, other = int(worlds.episodes.collision[row, 0]), worlds.collided_with[row]
+    route = worlds.routes.get(row)
     reward, terminated, truncated = (each[row].item() for each in outcome)
     return Transition(
         scene,
@@ -146,10 +127,11 @@ def transition_of(
         RULES[rule],
         next_scene,
         next_observation,
-        None if kind == NO_CONTACT else Collision(KINDS[kind], collided_with or None),
-        Rewards(*episodes.terms[row].tolist()),
+        None if kind == NO_CONTACT else Collision(KINDS[kind], other or None),
+        Rewards(*worlds.episodes.terms[row].tolist()),
         reward,
         terminated,
         truncated,
-        *route,
+        worlds.ways[row],
+        route is not None and route.misses_exit(next_scene.indicators),
     )

@@ -1,5 +1,6 @@
 """The arrays of many worlds of the twin: the worlds decide, and their scenes are read."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ from drl_av.config import Config
 from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.route_outcome import RouteOutcome
-from drl_av.env.twin_episodes import Episodes, decide_all, empty_episodes, look_all, task_of
+from drl_av.env.twin_episodes import decide_all, empty_episodes, look_all, task_of
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.road.snapshot import EGO_ID, Snapshot
 from drl_av.road.sweep import NO_CONTACT
@@ -28,7 +29,6 @@ from drl_av.twin.worlds import (
     IntArray,
     Net,
     World,
-    Worlds,
     empty_worlds,
 )
 
@@ -54,22 +54,6 @@ class WorldArrays:
         ConfigError: the twin cannot do what the settings ask.
     """
 
-    num_envs: int
-    worlds: Worlds
-    episodes: Episodes
-    vehicles: npt.NDArray[np.int64]
-    """The vehicles besides the ego in each world."""
-    kept: dict[int, IntArray]
-    """The former rows of the vehicles that stay, by world, where some have entered or left."""
-    fleets: dict[int, Fleet]
-    """The vehicles of each world, on an open road."""
-    routes: dict[int, RouteOutcome]
-    """The outcome of each ego's route, on an open road."""
-    collided_with: npt.NDArray[Any]
-    """The name of the vehicle with which each ego has collided in its episode, or ""."""
-    _chunks: int
-    _pool: ThreadPoolExecutor | None
-
     def __init__(self, config: Config) -> None:
         self.config = config
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
@@ -78,6 +62,25 @@ class WorldArrays:
         self.usual = None if self.road.is_loop else Fleet(self._scenario, config)
         """What says how many vehicles an open road usually has."""
         self._fleets = [Fleet(self._scenario, kind) for kind in config.per_traffic_preset]
+
+    def _make_worlds(self, count: int, threads: int) -> None:
+        """Make what there is once a world, besides the arrays."""
+        self.num_envs = count
+        self.seeds = np.full(count, -1)
+        """The traffic seed of each world's episode."""
+        self.vehicles = np.zeros(count, np.int64)
+        """The vehicles besides the ego in each world."""
+        self.kept: dict[int, IntArray] = {}
+        """The former rows of the vehicles that stay, by world, where some have entered or left."""
+        self.fleets: dict[int, Fleet] = {}
+        """The vehicles of each world, on an open road."""
+        self.routes: dict[int, RouteOutcome] = {}
+        """What finds the outcome of each ego's route, on an open road."""
+        self.ways = np.full(count, "", dtype=object)
+        """The outcome of each ego's route."""
+        self.collided_with = np.full(count, "", dtype=object)
+        """The name of the vehicle with which each ego has collided in its episode, or ""."""
+        self._make_pool(max(1, min(threads, count, os.cpu_count() or 1)))
 
     def _make_arrays(self, vehicles: int, events: int) -> None:
         """Make the arrays of all worlds for so many vehicles and events in one."""
