@@ -70,9 +70,11 @@ def draw_partial_lanes(canvas: Canvas, strip: RoadStrip, ego_s_m: float, road: R
     for lane in sorted({part.lane for part in road.partial_lanes}):
         _clear(canvas, strip, road, lane, ego_s_m)
     for line in range(len(road.open_lanes) + 1):
-        y_m = road.center_m(line) - road.lane_width_m / 2
+        y = strip.y(road, road.center_m(line) - road.lane_width_m / 2)
         for begin_m, end_m, color in solid_lines(road, line):
-            _line(canvas, strip, road, y_m, (begin_m - ego_s_m, end_m - ego_s_m), color)
+            left, right = (_column(strip, at_m - ego_s_m) for at_m in (begin_m, end_m))
+            if left < right:
+                canvas.line([(left, y), (right, y)], color, LINE_PX)
     for part in road.partial_lanes:
         _end(canvas, strip, road, part, ego_s_m)
 
@@ -128,19 +130,6 @@ def _end(canvas: Canvas, strip: RoadStrip, road: Road, part: PartialLane, ego_s_
             strip.y(road, road.center_m(part.lane) + side) for side in (half_m, -half_m)
         )
         canvas.line([(x, upper), (x, lower)], ALARM, 2 * LINE_PX)
-
-
-def _line(
-    canvas: Canvas,
-    strip: RoadStrip,
-    road: Road,
-    y_m: float,
-    ahead_m: tuple[float, float],
-    color: tuple[int, int, int],
-) -> None:
-    left, right = (_column(strip, at_m) for at_m in ahead_m)
-    if left < right:
-        canvas.line([(left, strip.y(road, y_m)), (right, strip.y(road, y_m))], color, LINE_PX)
 
 
 def _column(strip: RoadStrip, ahead_m: float) -> float:
