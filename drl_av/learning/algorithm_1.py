@@ -1,5 +1,6 @@
 """Algorithm 1 of the paper: trains a driver, episode by episode."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from operator import index
 from typing import Any
@@ -343,23 +344,13 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
     Raises:
         ConfigError: the available memory is too small for the full buffer.
     """
-    capacity = config.safe_capacity + config.collision_capacity
-    require_memory(capacity, observation_size)
-    if config.replay == "uniform":
-        return UniformBuffer(observation_size, capacity, config.discount)
-    if config.replay == "prioritized":
-        return PrioritizedBuffer(
-            observation_size,
-            capacity,
-            config.discount,
-            config.priority_exponent,
-            config.importance_exponent_start,
-            config.priority_floor,
-        )
-    return TwoBuffers(
-        observation_size,
-        config.safe_capacity,
-        config.collision_capacity,
-        config.discount,
-        config.collision_fraction,
-    )
+    require_memory(config.safe_capacity + config.collision_capacity, observation_size)
+    return BUFFERS[config.replay](observation_size, config)
+
+
+BUFFERS: dict[str, Callable[[int, LearningConfig], Buffer]] = {
+    "two-buffer": TwoBuffers,
+    "prioritized": PrioritizedBuffer,
+    "uniform": UniformBuffer,
+}
+"""The experience buffer of each kind ``learning.replay``."""

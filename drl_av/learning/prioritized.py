@@ -6,6 +6,7 @@ Rows with a large TD error are drawn more often, and importance weights correct 
 import numpy as np
 from numpy.typing import NDArray
 
+from drl_av.config import LearningConfig
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
 from drl_av.learning.replay import Batch, UniformBuffer, batch_of
@@ -81,21 +82,13 @@ class PrioritizedBuffer(UniformBuffer):
     the largest priority so far (Sec. 3.3 and Algorithm 1 of Schaul et al. 2015).
     """
 
-    def __init__(
-        self,
-        observation_size: int,
-        capacity: int,
-        discount: float,
-        priority_exponent: float,
-        importance_exponent_start: float,
-        priority_floor: float,
-    ) -> None:
-        super().__init__(observation_size, capacity, discount)
-        self.priority_exponent = priority_exponent
-        self.importance_exponent_start = importance_exponent_start
-        self.importance_exponent = importance_exponent_start
-        self.priority_floor = priority_floor
-        self.tree = SumTree(capacity)
+    def __init__(self, observation_size: int, config: LearningConfig) -> None:
+        super().__init__(observation_size, config)
+        self.priority_exponent = config.priority_exponent
+        self.importance_exponent_start = config.importance_exponent_start
+        self.importance_exponent = config.importance_exponent_start
+        self.priority_floor = config.priority_floor
+        self.tree = SumTree(len(self.ring.rows))
         self._greatest = 1.0
 
     def stored(self, slot: int) -> None:

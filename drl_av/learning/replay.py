@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drl_av.config import LearningConfig
 from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
 from drl_av.errors import ConfigError
@@ -184,18 +185,10 @@ class TwoBuffers(Buffer):
     whole batch comes from the other one.
     """
 
-    def __init__(
-        self,
-        observation_size: int,
-        safe_capacity: int,
-        collision_capacity: int,
-        discount: float,
-        collision_fraction: float,
-    ) -> None:
-        self.safe = Ring(safe_capacity, observation_size)
-        self.collision = Ring(collision_capacity, observation_size)
-        self.discount = discount
-        self.collision_fraction = collision_fraction
+    def __init__(self, observation_size: int, config: LearningConfig) -> None:
+        self.safe = Ring(config.safe_capacity, observation_size)
+        self.collision = Ring(config.collision_capacity, observation_size)
+        self.discount, self.collision_fraction = config.discount, config.collision_fraction
 
     @property
     def collisions(self) -> int:
@@ -251,9 +244,9 @@ class TwoBuffers(Buffer):
 class UniformBuffer(Buffer):
     """A single ring for all transitions, which are sampled uniformly."""
 
-    def __init__(self, observation_size: int, capacity: int, discount: float) -> None:
-        self.ring = Ring(capacity, observation_size)
-        self.discount = discount
+    def __init__(self, observation_size: int, config: LearningConfig) -> None:
+        self.ring = Ring(config.safe_capacity + config.collision_capacity, observation_size)
+        self.discount = config.discount
 
     @property
     def collisions(self) -> int:

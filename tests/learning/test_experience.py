@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from decisions import decided
 
+from drl_av.config import LearningConfig
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env.transition import Transition
 from drl_av.learning.algorithm_1 import store
@@ -29,7 +30,7 @@ UNSAFE_COLLISION = decision(HARD_BRAKE, Rule.IN_LANE, R_COL, terminated=True)
 
 
 def two_buffers() -> TwoBuffers:
-    return TwoBuffers(N, 10, 10, discount=0.9, collision_fraction=0.25)
+    return TwoBuffers(N, LearningConfig(safe_capacity=10, collision_capacity=10))
 
 
 def stored(*decisions: Transition) -> tuple[np.ndarray, np.ndarray]:

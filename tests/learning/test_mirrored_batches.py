@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drl_av.config import Config
+from drl_av.config import Config, LearningConfig
 from drl_av.driving.mirror import Mirror
 from drl_av.errors import ConfigError
 from drl_av.learning.algorithm_1 import mirror_half, require_symmetry
@@ -18,8 +18,11 @@ TINY = Mirror(
 )
 
 
+HALF_AND_HALF = LearningConfig(safe_capacity=10, collision_capacity=10, collision_fraction=0.5)
+
+
 def test_half_of_the_safe_and_half_of_the_collision_rows_are_mirrored():
-    buffer = TwoBuffers(3, 10, 10, discount=0.9, collision_fraction=0.5)
+    buffer = TwoBuffers(3, HALF_AND_HALF)
     buffer.add_safe(np.array([0, 1, 0]), 1, -0.1, np.array([2, 3, 1]))
     buffer.add_collision(np.array([4, 5, 0]), 1, -5.0)
     batch = mirror_half(buffer.sample(8, np.random.default_rng(0)), TINY)
@@ -30,7 +33,7 @@ def test_half_of_the_safe_and_half_of_the_collision_rows_are_mirrored():
 
 
 def test_mirroring_a_batch_leaves_the_experience_itself_alone():
-    buffer = TwoBuffers(3, 10, 10, discount=0.9, collision_fraction=0.5)
+    buffer = TwoBuffers(3, HALF_AND_HALF)
     buffer.add_safe(np.array([0, 1, 0]), 1, -0.1, np.array([2, 3, 1]))
     before = buffer.state()["safe.rows"]
     mirror_half(buffer.sample(8, np.random.default_rng(0)), TINY)

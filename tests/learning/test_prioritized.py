@@ -18,7 +18,8 @@ def observation(value: float, size: int = 2) -> np.ndarray:
 def prioritized(
     rows: int = 0, capacity: int = 200, exponent: float = 0.5, size: int = 2
 ) -> PrioritizedBuffer:
-    buffer = PrioritizedBuffer(size, capacity, 0.9, exponent, 0.4, 1e-6)
+    capacities = {"safe_capacity": capacity - 1, "collision_capacity": 1}
+    buffer = PrioritizedBuffer(size, LearningConfig(**capacities, priority_exponent=exponent))
     for i in range(rows):
         buffer.add_safe(observation(i, size), i % 12, -0.5, observation(i + 1, size))
     return buffer

@@ -10,13 +10,16 @@ from drl_av.errors import ConfigError
 from drl_av.learning.algorithm_1 import make_buffer
 from drl_av.learning.replay import Ring, TwoBuffers, UniformBuffer
 
+HUNDRED = LearningConfig(safe_capacity=60, collision_capacity=40)
+
 
 def observation(value: float) -> np.ndarray:
     return np.full(2, value, np.float32)
 
 
 def two_buffers(safe: int, collision: int, fraction: float = 0.5) -> TwoBuffers:
-    buffer = TwoBuffers(2, 100, 50, discount=0.9, collision_fraction=fraction)
+    capacities = {"safe_capacity": 100, "collision_capacity": 50}
+    buffer = TwoBuffers(2, LearningConfig(**capacities, collision_fraction=fraction))
     for i in range(safe):
         buffer.add_safe(observation(i), i % 12, 0.1 * i, observation(i + 1))
     for i in range(collision):
@@ -48,7 +51,7 @@ def test_the_other_buffer_stands_in_for_an_empty_one(safe, collision, expected):
 
 
 def test_a_row_comes_back_as_it_went_in():
-    buffer = TwoBuffers(2, 4, 4, discount=0.9, collision_fraction=0.5)
+    buffer = TwoBuffers(2, LearningConfig(safe_capacity=4, collision_capacity=4))
     buffer.add_safe(np.float32([1, 2]), 11, -0.25, np.float32([3, 4]))
     batch = buffer.sample(2, np.random.default_rng(0))
     assert batch.s_t.tolist() == [[1, 2]] * 2
@@ -60,7 +63,7 @@ def test_a_row_comes_back_as_it_went_in():
 
 
 def test_uniform_buffer_takes_collisions_as_often_as_they_are():
-    buffer = UniformBuffer(2, 1_000, discount=0.9)
+    buffer = UniformBuffer(2, LearningConfig(safe_capacity=900, collision_capacity=100))
     for i in range(900):
         buffer.add_safe(observation(i), 0, 0.0, observation(i))
     for _ in range(100):
@@ -115,7 +118,7 @@ def test_state_is_a_copy_that_later_rows_do_not_touch():
 @pytest.mark.parametrize(
     "other",
     [
-        UniformBuffer(3, 100, 0.9).state(),
+        UniformBuffer(3, HUNDRED).state(),
         {"rows": np.zeros((200, 7), np.float32), "next_slot": np.array(0)},
         {"rows": np.zeros((5, 7), np.float32), "next_slot": np.array(2)},
         {"rows": np.zeros((5, 7)), "next_slot": np.array(5)},
@@ -127,7 +130,7 @@ def test_experience_that_does_not_fit_is_refused(other):
     if len(other.get("rows", [])) == 0 and other:
         other["rows"] = np.zeros((0, 9), np.float32)
     with pytest.raises((KeyError, TypeError, ValueError)):
-        UniformBuffer(2, 100, 0.9).restore(other)
+        UniformBuffer(2, HUNDRED).restore(other)
 
 
 def test_a_capacity_that_no_memory_holds_is_one_sentence() -> None:
