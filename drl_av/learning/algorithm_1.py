@@ -78,16 +78,14 @@ class EvaluationRow:
     safety_triggers: float
 
 
-def linear_epsilon(
-    episode: int, episodes: int, start: float = 1.0, end: float = 0.2, fraction: float = 0.7
-) -> float:
+def linear_epsilon(episode: int, config: LearningConfig) -> float:
     """Return epsilon, the probability of a random action, in an episode; the first episode is 0.
 
-    Epsilon decreases linearly from ``start`` to ``end`` over the first ``fraction`` of all
-    ``episodes``, and is constant afterwards (Sec. IV-C of the paper).
+    Epsilon decreases linearly from ``epsilon_start`` to ``epsilon_end`` over the first
+    ``epsilon_fraction`` of all ``episodes``, and is constant afterwards (Sec. IV-C of the paper).
     """
-    progress = min(1.0, episode / (fraction * episodes))
-    return (1.0 - progress) * start + progress * end
+    progress = min(1.0, episode / (config.epsilon_fraction * config.episodes))
+    return (1.0 - progress) * config.epsilon_start + progress * config.epsilon_end
 
 
 class ExploringDriver(Driver):
@@ -165,14 +163,7 @@ class Training:
     @property
     def epsilon(self) -> float:
         """Probability of a random action in the next episode."""
-        config = self._config
-        return linear_epsilon(
-            self.episodes_done,
-            config.episodes,
-            config.epsilon_start,
-            config.epsilon_end,
-            config.epsilon_fraction,
-        )
+        return linear_epsilon(self.episodes_done, self._config)
 
     @property
     def learning_rate(self) -> float:

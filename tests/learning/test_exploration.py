@@ -3,6 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drl_av.config import LearningConfig
 from drl_av.driving.actions import ACTIONS
 from drl_av.learning.algorithm_1 import ExploringDriver, linear_epsilon
 
@@ -10,7 +11,8 @@ UNSEEN: Any = None  # the scene, which exploration does not read
 
 
 def test_schedule_ends_on_its_last_value_exactly():
-    assert linear_epsilon(300, 300, start=0.9, end=0.05, fraction=0.5) == 0.05
+    ends = {"epsilon_start": 0.9, "epsilon_end": 0.05, "epsilon_fraction": 0.5}
+    assert linear_epsilon(300, LearningConfig(episodes=300, **ends)) == 0.05
 
 
 class Chooser:
