@@ -125,7 +125,7 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
     from drl_av.evaluation.criterion import judge
     from drl_av.evaluation.criticality import CriticalityMetrics, styles
-    from drl_av.evaluation.episodes import Evaluation
+    from drl_av.evaluation.episodes import Evaluation, Setup
     from drl_av.evaluation.recording import RecordingFolder
     from drl_av.evaluation.statistics import (
         gains_over_fastest,
@@ -164,8 +164,8 @@ def evaluate(options: argparse.Namespace) -> int:
     if folder := options.record or options.record_failures:
         make_folder(folder, "--record" if options.record else "--record-failures")
         recordings = RecordingFolder(folder.absolute(), failures_only=not options.record)
-    parts = metrics, custom_parts(options), recordings
-    evaluation = Evaluation(config, specs, vehicles, seeds, *parts)
+    setup = Setup(config, specs, metrics, custom_parts(options), recordings)
+    evaluation = Evaluation(setup, vehicles, seeds)
     table = _table(options.out, evaluation) if options.out else None
     driven, status = dict[tuple[int, int, str], EpisodeResult](), 0
     try:

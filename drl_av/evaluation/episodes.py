@@ -35,7 +35,9 @@ class Setup(NamedTuple):
     specs: tuple[DriverSpec, ...]
     """The drivers that are loaded together (see ``make_drivers``)."""
     make_metrics: MakeMetrics = EpisodeMetrics
+    """Makes the metrics of an episode, which compute its row of the results."""
     custom: CustomParts = NOTHING_CUSTOM
+    """The user's own check, reward and observation."""
     recordings: RecordingFolder | None = None
     """The folder that keeps the recordings; None keeps none."""
 
@@ -59,9 +61,7 @@ class Evaluation:
     """The drivers, the numbers of vehicles around the ego and the traffic seeds of an evaluation.
 
     If ``vehicles`` is empty, the numbers are those of the published tables, or the number that the
-    scenario places. ``make_metrics`` makes the metrics of each episode, which compute its row of
-    the results. ``custom`` holds the user's own check, reward and observation, and ``recordings``
-    keeps recordings of the episodes.
+    scenario places.
 
     Raises:
         RunError, CheckpointError: a learned driver cannot be read.
@@ -69,28 +69,16 @@ class Evaluation:
             training (1,000,000 and above).
     """
 
-    def __init__(
-        self,
-        config: Config,
-        specs: Sequence[DriverSpec],
-        vehicles: Sequence[int],
-        seeds: range,
-        make_metrics: MakeMetrics = EpisodeMetrics,
-        custom: CustomParts = NOTHING_CUSTOM,
-        recordings: RecordingFolder | None = None,
-    ) -> None:
+    def __init__(self, setup: Setup, vehicles: Sequence[int], seeds: range) -> None:
         if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
                 f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
             )
-        self.setup, self._seeds = (
-            Setup(config, tuple(specs), make_metrics, custom, recordings),
-            seeds,
-        )
+        self.setup, self._seeds = setup, seeds
         _close()  # a driver may have been trained since
-        equipment = _equipment(self.setup)
-        env = equipment.env(config, custom)
+        equipment = _equipment(setup)
+        env = equipment.env(setup.config, setup.custom)
         implied = env.simulation.fleet.default_vehicle_count
         default = DENSITIES if implied is None else (implied,)
         self._vehicles = tuple(dict.fromkeys(vehicles)) or default

@@ -27,7 +27,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.errors import ConfigError, DrlAvError, RunError
 from drl_av.evaluation import episodes as module
-from drl_av.evaluation.episodes import Evaluation, drive_episodes
+from drl_av.evaluation.episodes import Evaluation, Setup, drive_episodes
 from drl_av.evaluation.statistics import (
     Mean,
     mean_with_interval,
@@ -42,7 +42,7 @@ TINY = ["-o", "simulation.decisions_per_episode=10"]
 
 def test_rows_come_by_vehicles_then_seed_then_driver() -> None:
     names = ["idm", "idm-sumo"]
-    rows = Evaluation(SHORT, find_drivers(names), (3, 1), range(8, 10)).rows()
+    rows = Evaluation(Setup(SHORT, find_drivers(names)), (3, 1), range(8, 10)).rows()
     assert [(row.vehicles, row.seed, row.driver) for row in rows] == [
         (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in names
     ]
@@ -79,7 +79,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, owner: Any, name: str, done: Counte
 def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> None:
     run = run_folder(tmp_path / "run")
     specs = find_drivers([str(run), "idm-sumo", "random"])
-    evaluation = Evaluation(SHORT, specs, (2, 20), range(5, 8))
+    evaluation = Evaluation(Setup(SHORT, specs), (2, 20), range(5, 8))
     one, two = list(evaluation.rows()), list(evaluation.rows(jobs=2))
     assert one == two
     assert len(one) == 18
@@ -87,7 +87,7 @@ def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> 
 
 def test_what_a_worker_process_raises_is_raised(tmp_path: Path) -> None:
     run = run_folder(tmp_path / "run")
-    evaluation = Evaluation(SHORT, find_drivers([str(run)]), (2,), range(2))
+    evaluation = Evaluation(Setup(SHORT, find_drivers([str(run)])), (2,), range(2))
     (run / "policy.safetensors").unlink()
     with pytest.raises(RunError, match="run holds no trained driver"):
         list(evaluation.rows(jobs=2))
@@ -241,8 +241,8 @@ def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
 
 def test_seeds_of_training_are_not_evaluated_on() -> None:
     with pytest.raises(ConfigError, match="1000000 on belong to training"):
-        Evaluation(SHORT, find_drivers(["idm"]), (1,), range(999_999, 1_000_001))
-    Evaluation(SHORT, find_drivers(["idm"]), (1,), range(999_999, 1_000_000))
+        Evaluation(Setup(SHORT, find_drivers(["idm"])), (1,), range(999_999, 1_000_001))
+    Evaluation(Setup(SHORT, find_drivers(["idm"])), (1,), range(999_999, 1_000_000))
 
 
 def test_the_overall_statistics_compare_each_driver_with_the_fastest_baseline() -> None:
