@@ -47,7 +47,7 @@ def env(request: pytest.FixtureRequest) -> Iterator[HighwayEnv]:
 def driven(env: HighwayEnv) -> Recording:
     """The episode, in an environment that may have driven others."""
     decisions = list(rollout(env, IdmSumoDriver(CONFIG.safety), SEED, VEHICLES))
-    return recording_of(decisions, CONFIG, "idm-sumo", SEED)
+    return recording_of(decisions, env, "idm-sumo", SEED)
 
 
 @pytest.fixture(scope="module")

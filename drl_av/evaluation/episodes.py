@@ -18,10 +18,11 @@ from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
+from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.evaluation import DENSITIES, LOKY
 from drl_av.evaluation.engines import ENGINES
-from drl_av.evaluation.recording import RecordingFolder, record_episode
+from drl_av.evaluation.recording import RecordingFolder, recording_of
 from drl_av.simulation.sumo_options import require_one_process
 
 MakeMetrics = Callable[[], EpisodeMetrics]
@@ -188,12 +189,12 @@ class _Equipment:
         """Drive one episode with the driver of this name, under its safety check."""
         if not self._drivers:
             self.make_drivers()
-        driven = self.env(*self._parts[name]), self._drivers[name], name, seed, vehicles
-        if self.setup.recordings is None:
-            result = drive(*driven, self.setup.make_metrics)
-        else:
-            recording, result = record_episode(*driven, self.setup.make_metrics)
-            self.setup.recordings.keep(recording, result)
+        env, recordings = self.env(*self._parts[name]), self.setup.recordings
+        decisions = list[Transition]()
+        driven = env, self._drivers[name], name, seed, vehicles, self.setup.make_metrics
+        result = drive(*driven, [] if recordings is None else [decisions.append])
+        if recordings is not None:
+            recordings.keep(recording_of(decisions, env, name, seed), result)
         return replace(result, group=self._groups[name])
 
     def close(self) -> None:

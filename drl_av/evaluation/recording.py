@@ -2,7 +2,7 @@
 
 import hashlib
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,12 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, from_toml
-from drl_av.drivers.driver import Driver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
-from drl_av.env.rollout import Watcher, drive
+from drl_av.env.metrics import EpisodeResult
 from drl_av.env.transition import Transition
 from drl_av.errors import RecordingError, printable
 from drl_av.evaluation import NEAR_MISS_DRAC_M_S2, NEAR_MISS_TTC_S
@@ -192,13 +190,9 @@ class RecordedDriver:
 
 
 def recording_of(
-    decisions: Sequence[Transition],
-    config: Config,
-    driver: str,
-    seed: int,
-    ego_model: EgoModel | None = None,
+    decisions: Sequence[Transition], env: HighwayEnv, driver: str, seed: int
 ) -> Recording:
-    """Return the recording of an episode with the settings that determine it.
+    """Return the recording of the episode that ``env`` has just driven.
 
     ``decisions`` are all of its decisions, at least one.
     """
@@ -209,7 +203,7 @@ def recording_of(
     for moment, shot in enumerate(moments):
         states[moment, [rows[name] for name in shot.ids]] = states_of(shot)
     return Recording(
-        config,
+        env.config,
         driver,
         seed,
         len(moments[0].ids) - 1,
@@ -219,27 +213,8 @@ def recording_of(
         np.array([*names], dtype=np.str_),
         np.array([shot.time_s for shot in moments]),
         states,
-        ego_model,
+        env.ego_model,
     )
-
-
-def record_episode(
-    env: HighwayEnv,
-    driver: Driver,
-    name: str,
-    seed: int,
-    vehicles: int,
-    make_metrics: Callable[[], EpisodeMetrics] = EpisodeMetrics,
-    watchers: Iterable[Watcher] = (),
-) -> tuple[Recording, EpisodeResult]:
-    """Drive one episode to its end; return its recording and its row.
-
-    Each watcher gets each decision. Raises DrlAvError as ``drive``.
-    """
-    decisions = list[Transition]()
-    watching = decisions.append, *watchers
-    result = drive(env, driver, name, seed, vehicles, make_metrics, watching)
-    return recording_of(decisions, env.config, name, seed, env.ego_model), result
 
 
 class RecordingFolder(NamedTuple):

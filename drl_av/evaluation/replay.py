@@ -25,13 +25,13 @@ from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.renderer import next_caption
-from drl_av.env.rollout import Watcher
+from drl_av.env.rollout import Watcher, drive
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, RecordingError, ScenarioError, printable
 from drl_av.evaluation import PROVENANCE
 from drl_av.evaluation.episodes import drivers_in
 from drl_av.evaluation.provenance import read_provenance
-from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, record_episode
+from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, recording_of
 from drl_av.evaluation.table import read_results, report_corrupt_table, stored_config
 from drl_av.road.road import Road
 from drl_av.safety.paper import closing_speed, time_to_collision
@@ -151,20 +151,21 @@ class ReplaySession:
             RecordingError: the episode differs from the recording or row that it must repeat.
         """
         follower = None if self.recording is None else Follower(self.recording)
-        watching = watchers if follower is None else (follower.add, *watchers)
+        decisions = list[Transition]()
+        watching = decisions.append, *([] if follower is None else [follower.add]), *watchers
         made = HighwayEnv(config=self.config, render_mode=render_mode, **self.custom._asdict())
         with closing(made) as env:
             given = self.driver, self.name, self.seed, self.vehicles
-            driven = record_episode(env, *given, watchers=watching)
+            result = drive(env, *given, watchers=watching)
             if follower is not None:
                 follower.end()
-        made_row = driven[1].cells()
+        made_row = result.cells()
         if self.expected is not None and not made_row.items() <= self.expected.cells().items():
             raise RecordingError(
                 f"The episode with seed {self.seed} differs from its row: the table was made with "
                 "another driver, scenario or own part, another version, or on another platform."
             )
-        return driven
+        return recording_of(decisions, env, self.name, self.seed), result
 
 
 def replay_session(recording: Recording, custom: CustomParts = NOTHING_CUSTOM) -> ReplaySession:
