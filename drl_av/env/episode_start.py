@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, SimulationConfig, TrafficConfig
+from drl_av.config import Config, SimulationConfig
 from drl_av.config.presets import as_config
 from drl_av.config.section import did_you_mean
 from drl_av.drivers.background.traffic import TrafficDrivers
@@ -178,45 +178,33 @@ def require_numbers(**given: tuple[Any, int, int | None]) -> None:
             raise ConfigError(f"{name} is {value!r}, but must be a whole number from {low} {most}.")
 
 
-def number_of_vehicles(
-    options: Mapping[str, Any],
-    seed: int,
-    traffic: TrafficConfig,
-    placed: int | None,
-    default: int | None = None,
-) -> int:
-    """Return the number of vehicles besides the ego.
+def number_of_vehicles(options: Mapping[str, Any], seed: int, fleet: Fleet) -> int:
+    """Return the number of vehicles besides the ego, by the options of the reset.
 
-    It is ``placed``, or else that of ``options``, or else ``default``, or else drawn with ``seed``.
-
-    Args:
-        options: The options of the reset.
-        seed: The seed of the traffic.
-        traffic: The settings with the range from which the number is drawn.
-        placed: The number of vehicles whose positions the scenario fixes; None if it fixes none.
-        default: The number of vehicles that the inflow of an open road sustains; None on a loop.
+    It is the number that the scenario of the fleet places, or else that of ``options``, or else the
+    number that the inflow of an open road sustains, or else drawn with ``seed``, that of the
+    traffic, from the range of the settings.
 
     Raises:
         ConfigError: the number of vehicles is not allowed.
     """
-    if placed is not None:
+    if (placed := fleet.placed) is not None:
         if options.get("vehicles", placed) != placed:
             raise ConfigError(
                 f"vehicles is {options['vehicles']!r}, but the scenario places exactly {placed} "
                 f"vehicle{'s' * (placed != 1)}: leave the option out."
             )
         return placed
-    if "vehicles" not in options and default is not None:
-        return default
-    if "vehicles" not in options:
-        draw_number = generator(seed, Stream.NUMBER_OF_VEHICLES)
-        return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))
-    vehicles = options["vehicles"]
-    require_numbers(vehicles=(vehicles, 0, None))
-    return int(vehicles)
+    if "vehicles" in options:
+        require_numbers(vehicles=(options["vehicles"], 0, None))
+        return int(options["vehicles"])
+    if (usual := fleet.default_vehicle_count) is not None:
+        return usual
+    traffic, draw_number = fleet.config.traffic, generator(seed, Stream.NUMBER_OF_VEHICLES)
+    return int(draw_number.integers(traffic.vehicles_min, traffic.vehicles_max + 1))
 
 
-def require_range(traffic: TrafficConfig, fleets: Sequence[Fleet]) -> None:
+def require_range(fleets: Sequence[Fleet]) -> None:
     """Raise ConfigError if ``traffic.vehicles_max`` vehicles do not fit on the loop of the fleets.
 
     The number of vehicles at the start on an open road, which they have by default, always fits.
@@ -224,9 +212,10 @@ def require_range(traffic: TrafficConfig, fleets: Sequence[Fleet]) -> None:
     if fleets[0].default_vehicle_count is not None:
         return
     most = min(fleet.capacity for fleet in fleets)
-    if traffic.vehicles_max > most:
+    wanted = fleets[0].config.traffic.vehicles_max
+    if wanted > most:
         raise ConfigError(
-            f"traffic.vehicles_max is {traffic.vehicles_max}, but this road takes "
+            f"traffic.vehicles_max is {wanted}, but this road takes "
             f"{pluralize(most, 'vehicle')} besides the ego: ask for fewer or make the loop longer."
         )
 

@@ -151,13 +151,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
                 another number.
             ScenarioError: ``vehicles`` vehicles do not fit.
         """
-        traffic, fleets = self.config.traffic, [each.simulation.fleet for each in self._setups]
+        fleets = [each.simulation.fleet for each in self._setups]
         if vehicles is not None:
-            number_of_vehicles({"vehicles": vehicles}, 0, traffic, fleets[0].placed)
+            number_of_vehicles({"vehicles": vehicles}, 0, fleets[0])
             for fleet in fleets:
                 fleet.draw(0, vehicles)
             return
-        require_range(traffic, fleets)
+        require_range(fleets)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -183,12 +183,10 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.simulation, self.traffic_drivers = drawn_traffic(
             self._setups, self.seed, self.simulation
         )
-        fleet, traffic = self.simulation.fleet, self.config.traffic
+        fleet = self.simulation.fleet
         if "vehicles" not in given:
             self.require_room()
-        vehicles = number_of_vehicles(
-            given, self.seed, traffic, fleet.placed, fleet.default_vehicle_count
-        )
+        vehicles = number_of_vehicles(given, self.seed, fleet)
         self.decisions = self._triggers = 0
         self._speed_sum_m_s = 0.0
         self.ego_model = None

@@ -341,7 +341,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """Start an episode in each of the worlds ``rows``, or in none if one of them is refused."""
         given = options or {}
         if "vehicles" not in given:
-            require_range(self.config.traffic, self._fleets)
+            require_range(self._fleets)
         begun = [self._drawn(row, seeds[row] if seeds else None, given) for row in rows.tolist()]
         self.make_room(max((len(one.fleet.ids) for one in begun), default=0), 0)
         for row, one in zip(rows.tolist(), begun, strict=True):
@@ -364,8 +364,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if generator is None or seed is not None:
             generator, _ = seeding.np_random(seed)
         seed = traffic_seed(seed, options, generator)
-        usual = self.usual.default_vehicle_count if self.usual else None
-        vehicles = number_of_vehicles(options, seed, self.config.traffic, None, usual)
+        vehicles = number_of_vehicles(options, seed, self.usual or self._fleets[0])
         return Begun(generator, seed, *self._draw(seed, vehicles))
 
     def _info(self) -> dict[str, Any]:
