@@ -1,7 +1,7 @@
 """The criterion for "trained": whether a driver passes beside the rule-based drivers (ours)."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from drl_av.drivers.registry import baselines
@@ -103,21 +103,12 @@ def judge(rows: Iterable[EpisodeResult]) -> list[CriterionResult]:
     if best is None:
         return []
     safest = min(rules, key=lambda name: sum(row.ego_hit for row in drives[name]))
-    return [
-        _judgement(name, own, best, drives[best], safest, drives[safest])
-        for name, own in drives.items()
-        if name not in rules
-    ]
+    return [_judgement(name, best, safest, drives) for name in drives if name not in rules]
 
 
-def _judgement(
-    name: str,
-    ours: Rows,
-    best: str,
-    theirs: Rows,
-    safest: str,
-    safe: Rows,
-) -> CriterionResult:
+def _judgement(name: str, best: str, safest: str, drives: Mapping[str, Rows]) -> CriterionResult:
+    ours, theirs = drives[name], drives[best]
+
     def compared(
         criterion: str,
         unit: str,
@@ -136,7 +127,7 @@ def _judgement(
             lambda _: lambda row: row.mean_speed_m_s,
             lambda faster: _decided(faster.low > 0, faster.high <= 0),
         ),
-        _no_more_episodes("collisions", ours, safe, safest, lambda row: row.ego_hit),
+        _no_more_episodes("collisions", ours, drives[safest], safest, lambda row: row.ego_hit),
     ]
     if any(row.way for row in ours):
         criteria.append(
