@@ -76,7 +76,7 @@ class Beliefs:
     def __init__(self, rng: np.random.Generator, scenario: Scenario, config: Config) -> None:
         self._car_m, traffic = scenario.vehicle_types.traffic.length_m, config.traffic
         self._truck_m, self._rng = traffic.truck_length_m, rng
-        self._drawn = draw_drivers(rng, GUESSES, traffic, config.ego)
+        self._drawn = draw_drivers(rng, GUESSES, config)
         models = draw_driver_models(int(rng.integers(2**31)), GUESSES + 1, traffic)
         self._models = models[1:].astype(np.int64)
         drawn = self._drawn.desired_speed_m_s, self._drawn.headway_s, self._drawn.acceleration_m_s2

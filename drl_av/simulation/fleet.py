@@ -147,12 +147,10 @@ class Fleet:
         if description.vehicles:
             self._describe(placed_population(description.vehicles, config.traffic))
         elif start is None:
-            own = (self._road, length_m, config.traffic, config.ego)
-            self._describe(draw_population(rng, vehicles, *own))
+            self._describe(draw_population(rng, vehicles, self._road, length_m, config))
         else:
-            its = (start, length_m, config.traffic, config.ego)
-            self._describe(draw_open_population(rng, vehicles, *its))
-            self._inflow = Inflow(rng.spawn(1)[0], vehicles, *its)
+            self._describe(draw_open_population(rng, vehicles, start, length_m, config))
+            self._inflow = Inflow(rng.spawn(1)[0], vehicles, start, length_m, config)
         rate = config.traffic.random_lane_changes_per_s * config.simulation.decision_interval_s
         self.rng, self.chance = rng, rate
         if self._inflow is None:

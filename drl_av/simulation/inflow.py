@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.compiled import borrowing
-from drl_av.config import EgoConfig, TrafficConfig
+from drl_av.config import Config, TrafficConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.driving.affordances import IntArray
 from drl_av.errors import ScenarioError, pluralize
@@ -53,12 +53,7 @@ def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:
 
 
 def draw_open_population(
-    rng: np.random.Generator,
-    vehicles: int,
-    start: OpenStart,
-    length_m: float,
-    traffic: TrafficConfig,
-    ego: EgoConfig,
+    rng: np.random.Generator, vehicles: int, start: OpenStart, length_m: float, config: Config
 ) -> Population:
     """Draw the ego and ``vehicles`` others on an open road, with random parameters.
 
@@ -67,7 +62,7 @@ def draw_open_population(
     Raises:
         ScenarioError: there are more vehicles than may start on the road.
     """
-    n = vehicles + 1
+    n, traffic = vehicles + 1, config.traffic
     room = open_capacity(start, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
@@ -86,12 +81,12 @@ def draw_open_population(
     from_ego_m = places.front_m - places.front_m[0]
     front_m = (from_ego_m + start.ego_front_m - first_m) % ring_m + first_m
     places = places._replace(front_m=front_m)
-    population = with_drivers(rng, streams, places, is_truck, traffic, ego)
+    population = with_drivers(rng, streams, places, is_truck, config)
     for row, at_m in enumerate(front_m.tolist() if start.speed_limits else ()):
         allowed = allowed_speed(start.speed_limits, at_m, START_STEP_S)
         population.speed_m_s[row] = min(population.speed_m_s[row], allowed)
     if start.ego_speed_m_s is not None:
-        population.speed_m_s[0] = min(start.ego_speed_m_s, ego.max_speed_m_s)
+        population.speed_m_s[0] = min(start.ego_speed_m_s, config.ego.max_speed_m_s)
     return population
 
 
@@ -164,10 +159,10 @@ class Inflow:
         vehicles: int,
         start: OpenStart,
         length_m: float,
-        traffic: TrafficConfig,
-        ego: EgoConfig,
+        config: Config,
     ) -> None:
-        self._rng, self._traffic, self._ego = rng, traffic, ego
+        traffic = config.traffic
+        self._rng, self._config = rng, config
         self._length_m, self._lanes = length_m, start.lanes
         self._limit_m_s = allowed_speed(start.speed_limits, 0.0, START_STEP_S)
         speed_m_s = flow_speed(start, traffic)
@@ -219,9 +214,9 @@ class Inflow:
         if driver is None:
             self._supply = self._supply or self._drawn()
             driver = self._waiting[lane] = self._supply.pop()
-        front_m = self._traffic.truck_length_m if driver.is_truck else self._length_m
+        front_m = self._config.traffic.truck_length_m if driver.is_truck else self._length_m
         gap_m = last.rear_m - front_m
-        if gap_m < self._traffic.start_gap_m:
+        if gap_m < self._config.traffic.start_gap_m:
             return None
         wanted = min(driver.desired_speed_m_s, self._limit_m_s)
         speed = safe_speed(wanted, driver.headway_s, gap_m, last.speed_m_s)
@@ -246,7 +241,7 @@ class Inflow:
 
     def _drawn(self) -> list[Driver]:
         """Draw ``SUPPLY`` drivers, of which the last one comes first."""
-        drawn = draw_drivers(self._rng, SUPPLY, self._traffic, self._ego)
+        drawn = draw_drivers(self._rng, SUPPLY, self._config)
         columns = (getattr(drawn, name)[::-1].tolist() for name in Driver._fields)
         return [*map(Driver, *columns)]
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.config import Config, EgoConfig, TrafficConfig
+from drl_av.config import Config, TrafficConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ConfigError, ScenarioError, pluralize
 from drl_av.random_streams import Stream, generator
@@ -212,12 +212,7 @@ def capacity(road: Road, length_m: float, start_gap_m: float) -> int:
 
 
 def draw_population(
-    rng: np.random.Generator,
-    vehicles: int,
-    road: Road,
-    length_m: float,
-    traffic: TrafficConfig,
-    ego: EgoConfig,
+    rng: np.random.Generator, vehicles: int, road: Road, length_m: float, config: Config
 ) -> Population:
     """Draw the ego and ``vehicles`` others within 250 m of it, with random parameters.
 
@@ -227,7 +222,7 @@ def draw_population(
     Raises:
         ScenarioError: the vehicles do not fit on the open lanes.
     """
-    n = vehicles + 1
+    n, traffic = vehicles + 1, config.traffic
     room = capacity(road, traffic.longest_m(length_m), traffic.start_gap_m)
     if n > room:
         raise ScenarioError(
@@ -245,7 +240,7 @@ def draw_population(
     around_ego = (places.front_m - places.front_m[0] + ring_m / 2) % ring_m - ring_m / 2
     start_m = rng.uniform(0, road.lap_m)
     places = places._replace(front_m=(start_m + around_ego) % road.lap_m)
-    return with_drivers(rng, streams, places, is_truck, traffic, ego)
+    return with_drivers(rng, streams, places, is_truck, config)
 
 
 def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:
@@ -262,17 +257,16 @@ def with_drivers(
     streams: Sequence[np.random.Generator],
     places: StartPositions,
     is_truck: npt.NDArray[np.bool_],
-    traffic: TrafficConfig,
-    ego: EgoConfig,
+    config: Config,
 ) -> Population:
     """Return the population at these positions, with random parameters of each driver.
 
     ``streams`` are the random streams of the unusual vehicles and of the trucks; ``rng`` draws all
     other parameters.
     """
-    n, (unusual, trucks) = len(is_truck), streams
+    n, (unusual, trucks), traffic = len(is_truck), streams, config.traffic
     desired = rng.uniform(traffic.desired_speed_min_m_s, traffic.desired_speed_max_m_s, n)
-    desired[0] = ego.max_speed_m_s
+    desired[0] = config.ego.max_speed_m_s
     headway = rng.uniform(traffic.headway_min_s, traffic.headway_max_s, n)
     acceleration = rng.uniform(traffic.acceleration_min_m_s2, traffic.acceleration_max_m_s2, n)
     speed_gain = rng.uniform(traffic.speed_gain_min, traffic.speed_gain_max, n)
@@ -294,14 +288,12 @@ def with_drivers(
     )
 
 
-def draw_drivers(
-    rng: np.random.Generator, n: int, traffic: TrafficConfig, ego: EgoConfig
-) -> Population:
+def draw_drivers(rng: np.random.Generator, n: int, config: Config) -> Population:
     """Draw ``n`` drivers besides the ego's, with random parameters and without positions."""
     zeros, streams = np.zeros(n + 1, np.intp), rng.spawn(2)  # there is a row for the ego
     nowhere = StartPositions(zeros, np.zeros(n + 1), np.full(n + 1, np.inf), zeros)
-    is_truck = draw_trucks(streams[1], n + 1, traffic)
-    return with_drivers(rng, streams, nowhere, is_truck, traffic, ego).rows(range(1, n + 1))
+    is_truck = draw_trucks(streams[1], n + 1, config.traffic)
+    return with_drivers(rng, streams, nowhere, is_truck, config).rows(range(1, n + 1))
 
 
 @lru_cache

@@ -1,7 +1,6 @@
 """The vehicles of an open road: where they start, who enters, and who leaves."""
 
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drl_av.config import Config, EgoConfig, TrafficConfig
+from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ScenarioError
 from drl_av.road.road import SpeedLimit
@@ -28,14 +27,15 @@ from drl_av.simulation.inflow import (
 )
 from drl_av.simulation.population import Population, safe_speeds
 
-TRAFFIC, EGO, LENGTH_M = TrafficConfig(), EgoConfig(), 5.0
+CONFIG, LENGTH_M = Config(), 5.0
+TRAFFIC = CONFIG.traffic
 STRAIGHT = OpenStart((0, 1, 2), 2400.0, 1000.0, None, 300.0)
 RAMP = OpenStart((1, 2, 3), 1500.0, 1000.0, 0, 400.0, 15.0)
 
 
 def draw(vehicles: int, seed: int, start: OpenStart = STRAIGHT) -> Population:
     rng = np.random.default_rng(seed)
-    return draw_open_population(rng, vehicles, start, LENGTH_M, TRAFFIC, EGO)
+    return draw_open_population(rng, vehicles, start, LENGTH_M, CONFIG)
 
 
 def test_1000_vehicles_an_hour_on_three_lanes_of_2400_m_are_100_vehicles_at_20_m_s() -> None:
@@ -81,7 +81,7 @@ def test_vehicles_start_and_enter_at_most_at_the_limit_of_their_place() -> None:
     assert population.speed_m_s[~slow].max() > 20.0
     assert population.desired_speed_m_s[slow].min() >= 20.0
     crawl = SLOW._replace(speed_limits=(SpeedLimit(0.0, 50.0, 10.0), *SLOW.speed_limits))
-    found = Inflow(np.random.default_rng(0), 100, crawl, LENGTH_M, TRAFFIC, EGO)
+    found = Inflow(np.random.default_rng(0), 100, crawl, LENGTH_M, CONFIG)
     entering = [found.entering(float(second), {}) for second in range(60)]
     assert {speed for one in entering if one for speed in one.speed_m_s.tolist()} == {10.0}
 
@@ -125,7 +125,7 @@ def test_an_open_road_takes_at_most_3000_vehicles_however_long_it_is() -> None:
 
 
 def inflow(vehicles: int = 100, seed: int = 0) -> Inflow:
-    return Inflow(np.random.default_rng(seed), vehicles, STRAIGHT, LENGTH_M, TRAFFIC, EGO)
+    return Inflow(np.random.default_rng(seed), vehicles, STRAIGHT, LENGTH_M, CONFIG)
 
 
 def test_vehicles_enter_at_the_rate_that_keeps_their_number() -> None:
@@ -160,8 +160,8 @@ def test_a_vehicle_waits_while_the_last_one_is_too_near_and_enters_behind_it_saf
 
 
 def test_a_truck_enters_on_the_road_as_a_whole_too() -> None:
-    trucks = replace(TRAFFIC, truck_share=1.0, truck_length_m=12.0)
-    found = Inflow(np.random.default_rng(0), 100, STRAIGHT, LENGTH_M, trucks, EGO)
+    trucks = CONFIG.updated("traffic", truck_share=1.0, truck_length_m=12.0)
+    found = Inflow(np.random.default_rng(0), 100, STRAIGHT, LENGTH_M, trucks)
     # its front is at 12 m, so a rear at 19.9 m leaves 7.9 m, below 8 m, where a car has 14.9 m
     near = dict.fromkeys(range(3), Last(19.9, 30.0))
     assert not any(found.entering(float(second), near) for second in range(100))

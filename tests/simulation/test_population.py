@@ -37,7 +37,8 @@ ROADS = st.sampled_from([ROAD, BARRICADED_ROAD, LONG_ROAD, *OTHERS])
 def draw(
     vehicles: int, seed: int = 0, road: Road = ROAD, traffic: TrafficConfig = TRAFFIC
 ) -> Population:
-    return draw_population(np.random.default_rng(seed), vehicles, road, LENGTH_M, traffic, EGO)
+    config = Config(traffic=traffic)
+    return draw_population(np.random.default_rng(seed), vehicles, road, LENGTH_M, config)
 
 
 def net_gap_m(population: Population, a: int, b: int, road: Road) -> float:

@@ -115,7 +115,7 @@ def test_a_vehicle_waits_rather_than_enter_slower_than_the_traffic_permits() -> 
     start, config = ROAD_TYPES["straight"]().plan().start, Config()
     for rear_m, enters in ((400.0, True), (20.0, False)):
         rng = np.random.default_rng(1)
-        inflow = Inflow(rng, 100, start, 5.0, config.traffic, config.ego)
+        inflow = Inflow(rng, 100, start, 5.0, config)
         # behind a vehicle that drives 25 m/s, 15 m ahead, it would have to enter at 11 to 15 m/s
         last = dict.fromkeys(start.lanes, Last(rear_m, 25.0))
         found = inflow.entering(1000.0, last)
