@@ -1,6 +1,7 @@
 """Scales the 27 indicators for the input of the network (ours)."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +50,14 @@ def indicator_bounds(
     return bounds
 
 
+class ScaleArrays(NamedTuple):
+    """How the 27 indicators are scaled, for compiled functions; each array has shape (27,)."""
+
+    offset: FloatArray
+    scale: FloatArray
+    bounds: npt.NDArray[np.float32]
+
+
 class ObservationScale:
     """Scales the 27 indicators to about [-1, 1] for the input of the network (ours).
 
@@ -67,6 +76,7 @@ class ObservationScale:
         widths_m = road.lane_width_m * (self.lanes + 1), road.lane_width_m * self.lanes / 2
         self.bounds = indicator_bounds(config, max_speed_m_s, *widths_m)
         """Largest absolute value of each scaled indicator, shape (27,)."""
+        self.arrays = ScaleArrays(self.offset, self.scale, self.bounds)
         self._least = -self.bounds
 
     def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
@@ -79,13 +89,10 @@ class ObservationScale:
 
 @borrowing
 def scale_into(
-    values: FloatArray,
-    offset: FloatArray,
-    scale: FloatArray,
-    bounds: npt.NDArray[np.float32],
-    observation: npt.NDArray[np.float32],
+    values: FloatArray, arrays: ScaleArrays, observation: npt.NDArray[np.float32]
 ) -> None:
     """Scale the 27 indicators like ``ObservationScale``, into ``observation``, shape (27,)."""
+    offset, scale, bounds = arrays
     for row in range(len(observation)):
         scaled = np.float32((values[row] - offset[row]) / scale[row])
         observation[row] = min(max(scaled, -bounds[row]), bounds[row])

@@ -6,7 +6,7 @@ import numpy.typing as npt
 from drl_av.compiled import borrowing
 from drl_av.config import Config, RewardConfig, SafetyConfig
 from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, ground_of, indicators
-from drl_av.driving.observation_scale import ObservationScale, scale_into
+from drl_av.driving.observation_scale import ObservationScale, ScaleArrays, scale_into
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_terms
 from drl_av.road.road import FloatArray, Road, RoadNumbers, road_numbers
@@ -22,8 +22,8 @@ class SceneValues:
         self._road, self._range_m = road, float(config.observation.range_m)
         self._numbers = road_numbers(road)
         self._ground = ground_of(self._numbers)
-        self._scale = scale.offset, scale.scale, scale.bounds
-        self._rewards = config.reward.numbers, config.safety.numbers
+        rewards = config.reward.numbers, config.safety.numbers
+        self._given = self._numbers, self._range_m, scale.arrays, *rewards
 
     def __call__(
         self, snapshot: Snapshot, lane_change: LaneChange | None
@@ -31,16 +31,7 @@ class SceneValues:
         """Return the scene, the scaled 27 indicators, and the reward terms of the scene."""
         values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
         observation = np.empty(27, np.float32)
-        terms = compute_values.fast(
-            snapshot.arrays,
-            self._numbers,
-            self._range_m,
-            *self._scale,
-            *self._rewards,
-            values,
-            codes,
-            observation,
-        )
+        terms = compute_values.fast(snapshot.arrays, *self._given, values, codes, observation)
         limits = self._numbers.speed_limits
         found = Indicators(values, codes, self._ground, self._range_m, limits)
         scene = Scene(snapshot, found, lane_change, self._road)
@@ -52,9 +43,7 @@ def compute_values(
     scene: Vehicles,
     road: RoadNumbers,
     range_m: float,
-    offset: FloatArray,
-    scale: FloatArray,
-    bounds: Observation,
+    scale: ScaleArrays,
     reward: RewardConfig,
     safety: SafetyConfig,
     values: FloatArray,
@@ -63,11 +52,10 @@ def compute_values(
 ) -> tuple[float, float, float]:
     """Fill ``values`` and ``codes`` (``indicators``) and ``observation``; return the reward terms.
 
-    ``scene`` is ``Snapshot.arrays``. ``offset``, ``scale`` and ``bounds`` are those of
-    ``ObservationScale``, shape (27,).
+    ``scene`` is ``Snapshot.arrays``.
     """
     indicators(scene, road, range_m, values, codes)
-    scale_into(values, offset, scale, bounds, observation)
+    scale_into(values, scale, observation)
     terms: tuple[float, float, float] = reward_terms(
         values, codes, road.lane_width_m, reward, safety
     )

@@ -17,7 +17,7 @@ from drl_av.drivers.background.traffic import (
 from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
 from drl_av.driving.maneuver import plan_into
-from drl_av.driving.observation_scale import ObservationScale
+from drl_av.driving.observation_scale import ObservationScale, ScaleArrays
 from drl_av.env.scene_values import compute_values
 from drl_av.errors import ConfigError
 from drl_av.road.road import RoadNumbers, holds, road_numbers
@@ -96,9 +96,7 @@ class Task(NamedTuple):
     net: Net
     road: RoadNumbers
     range_m: float
-    offset: FloatArray
-    scale: FloatArray
-    bounds: npt.NDArray[np.float32]
+    scale: ScaleArrays
     reward: RewardConfig
     safety: SafetyConfig
     strict: StrictConfig
@@ -127,9 +125,7 @@ def task_of(scenario: Scenario, config: Config) -> Task:
         net=net,
         road=road_numbers(road),
         range_m=float(config.observation.range_m),
-        offset=scale.offset,
-        scale=scale.scale,
-        bounds=scale.bounds,
+        scale=scale.arrays,
         reward=config.reward.numbers,
         safety=config.safety.numbers,
         strict=config.strict.numbers,
@@ -284,7 +280,7 @@ def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     """Compute indicators, observation, reward terms and verdicts of the present scene."""
     scene, values, codes = episodes.scene[w], episodes.values[w], episodes.codes[w]
     state = scene[0][:n], scene[1][:n], scene[2][:n], scene[3][:n], scene[4][:n], scene[5][:n]
-    given = task.offset, task.scale, task.bounds, task.reward, task.safety
+    given = task.scale, task.reward, task.safety
     r_v, r_y, r_x = compute_values(
         state, task.road, task.range_m, *given, values, codes, episodes.observation[w]
     )

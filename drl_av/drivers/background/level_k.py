@@ -15,7 +15,7 @@ from drl_av.drivers.network import LEAK, Float32Array, Layers, leaky_relu
 from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACCELERATE, ACTIONS, BRAKE, HARD_BRAKE, MAINTAIN, SIGNS
 from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane
-from drl_av.driving.observation_scale import ObservationScale, scale_into
+from drl_av.driving.observation_scale import ObservationScale, ScaleArrays, scale_into
 from drl_av.errors import CheckpointError, DrlAvError
 from drl_av.road.road import CENTERED_M, FloatArray, Road
 from drl_av.safety.paper import is_clear
@@ -54,10 +54,8 @@ class LevelKNumbers(NamedTuple):
     layers: tuple[tuple[Float32Array, Float32Array], ...]
     """The weight of each layer, shape (inputs, outputs), and its bias."""
     range_m: float
-    offset: FloatArray
-    scale: FloatArray
-    bounds: Float32Array
-    """These four as in ``ObservationScale``, by the config of the training."""
+    scale: ScaleArrays
+    """These two as in ``ObservationScale``, by the config of the training."""
     acceleration_m_s2: FloatArray
     """That of each action, shape (12,)."""
     safety: SafetyConfig
@@ -68,9 +66,7 @@ class LevelKNumbers(NamedTuple):
 NO_LEVEL_K = LevelKNumbers(
     layers=3 * ((np.zeros((0, 0), np.float32), np.zeros(0, np.float32)),),
     range_m=0.0,
-    offset=np.zeros(0),
-    scale=np.zeros(0),
-    bounds=np.zeros(0, np.float32),
+    scale=ScaleArrays(np.zeros(0), np.zeros(0), np.zeros(0, np.float32)),
     acceleration_m_s2=np.zeros(0),
     safety=SafetyConfig().numbers,
     units=0,
@@ -84,9 +80,7 @@ def level_k_numbers(layers: Layers, config: Config, road: Road) -> LevelKNumbers
     return LevelKNumbers(
         layers=tuple((np.ascontiguousarray(weight.T), bias.copy()) for weight, bias in layers),
         range_m=float(config.observation.range_m),
-        offset=scale.offset,
-        scale=scale.scale,
-        bounds=scale.bounds,
+        scale=scale.arrays,
         acceleration_m_s2=np.array(
             [action.longitudinal.acceleration_m_s2(config.ego) for action in ACTIONS], np.float64
         ),
@@ -110,7 +104,7 @@ def level_k(
     ``units`` is scratch, shape (2, ``driver.units``).
     """
     entered, sums = units[0], units[1]
-    scale_into(values, driver.offset, driver.scale, driver.bounds, entered[: len(driver.bounds)])
+    scale_into(values, driver.scale, entered[: len(driver.scale.bounds)])
     last = len(driver.layers) - 1
     for number, (weight, bias) in enumerate(driver.layers):
         layer(weight, bias, entered, sums)
