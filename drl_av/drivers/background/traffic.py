@@ -130,17 +130,14 @@ class TrafficDrivers:
         """The state of each finite-state machine, and for how many decisions it still brakes."""
         self._found = np.zeros(n), np.zeros(n, np.int64)
         self._scratch = scratch_of(self._numbers, n)
-        brakes_hard = bool((driver_models == DriverModel.HARD_BRAKING).any())
-        drawn = (seed, driver_models, self._config)
-        self._hard_braking = HardBraking(*drawn) if brakes_hard else None
+        self._hard_braking = HardBraking(seed, driver_models, self._config)
 
     def __call__(self, snapshot: Snapshot) -> TrafficCommands:
         """Return the commands of all vehicles that SUMO does not drive, until the next decision."""
         rows = self._rows
         if not len(rows):
             return NO_COMMANDS
-        if self._hard_braking is not None:
-            self._hard_braking(self.memory[1])
+        self._hard_braking(self.memory[1])
         of_vehicles = *self._of_each, *self.memory, *self._found
         decide.fast(snapshot.arrays, self._numbers, rows, of_vehicles, self._scratch)
         acceleration_m_s2, side = self._found
@@ -201,48 +198,29 @@ def decide(
             acceleration_m_s2[row], side[row] = -machine.braking_m_s2, 0
         changes = changes or side[row] != 0
     if changes:
-        limits = (traffic.road.lap_m, traffic.road.lane_width_m), traffic.braking_m_s2
-        room = scratch.entering, scratch.lanes
-        give_way(rows, side, *scene[:5], *limits, traffic.times_s, *room)
+        give_way(rows, side, scene, traffic, scratch)
 
 
 @borrowing
 def give_way(
-    rows: IntArray,
-    sides: IntArray,
-    s_m: FloatArray,
-    y_m: FloatArray,
-    speed_m_s: FloatArray,
-    lateral_speed_m_s: FloatArray,
-    length_m: FloatArray,
-    road_m: tuple[float, float],
-    braking_m_s2: float,
-    times_s: tuple[float, float],
-    entering: IntArray,
-    lanes: IntArray,
+    rows: IntArray, sides: IntArray, scene: Vehicles, traffic: TrafficNumbers, scratch: Scratch
 ) -> None:
     """Set those of the wanted lane changes to 0 that conflict with another vehicle's.
 
     Two vehicles conflict if they enter the same lane from opposite sides, and the rear vehicle
-    could not stop behind the front vehicle by braking with ``braking_m_s2`` from the next decision
+    could not stop behind the front vehicle by braking as hard as it can from the next decision
     on. A vehicle that is already changing lanes has priority. Between two others, the vehicle that
     comes first in ``rows`` has priority.
 
     Args:
         rows: The row of each vehicle that decides, shape (R,).
         sides: The lane change that each row wants, shape (1 + N,): +1 left, -1 right, 0 none.
-        s_m: The position of each vehicle, shape (1 + N,); the next four arrays likewise.
-        y_m: Its lateral position.
-        speed_m_s: Its speed.
-        lateral_speed_m_s: Its lateral speed.
-        length_m: Its length.
-        road_m: The lengths of a lap and of a lane's width, metres.
-        braking_m_s2: The hardest braking of the vehicles.
-        times_s: The time of a decision and of a SUMO step, seconds.
-        entering: Scratch, shape (2 + 2 N,).
-        lanes: Likewise.
+        scene: ``Snapshot.arrays``.
+        traffic: Its road, braking and times count.
+        scratch: Of up to 1 + N vehicles.
     """
-    lap_m, width_m = road_m
+    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, _ = scene
+    entering, lanes, width_m = scratch.entering, scratch.lanes, traffic.road.lane_width_m
     count = 0
     for row in range(len(s_m)):  # under way: the lane is the one whose centre it reaches next
         if lateral_speed_m_s[row] != 0.0:
@@ -260,12 +238,10 @@ def give_way(
             other = entering[place]
             opposite = (y_m[row] < center_m) != (y_m[other] < center_m)
             if lanes[place] == lane and opposite:
-                lead_m = ahead_m(s_m[row], s_m[other], lap_m)
+                lead_m = ahead_m(s_m[row], s_m[other], traffic.road.lap_m)
                 rear, front = (row, other) if lead_m >= 0.0 else (other, row)
                 gap_m = abs(lead_m) - (length_m[row] + length_m[other]) / 2
-                rolled_m = closing_distance(
-                    speed_m_s[rear], speed_m_s[front], braking_m_s2, times_s
-                )
+                rolled_m = closing_distance(speed_m_s[rear], speed_m_s[front], traffic)
                 gives_way = gives_way or gap_m < STANDSTILL_GAP_M + rolled_m
         if gives_way:
             sides[row] = 0
@@ -274,15 +250,13 @@ def give_way(
             count += 1
 
 
-def closing_distance(
-    fast_m_s: float, slow_m_s: float, braking_m_s2: float, times_s: tuple[float, float]
-) -> float:
+def closing_distance(fast_m_s: float, slow_m_s: float, traffic: TrafficNumbers) -> float:
     """Return by how much a gap shrinks, metres, until both vehicles stand.
 
     The vehicle behind, of speed ``fast_m_s``, brakes one decision later than the one ahead.
     """
-    decision_s, step_s = times_s
-    fast_m = stopping_distance(fast_m_s, braking_m_s2, step_s)
-    slow_m = stopping_distance(slow_m_s, braking_m_s2, step_s)
+    decision_s, step_s = traffic.times_s
+    fast_m = stopping_distance(fast_m_s, traffic.braking_m_s2, step_s)
+    slow_m = stopping_distance(slow_m_s, traffic.braking_m_s2, step_s)
     rolled_m: float = decision_s * fast_m_s + max(fast_m - slow_m, 0.0)
     return rolled_m

@@ -6,20 +6,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, ahead, behind, snapshot
 
-from drl_av.config import SimulationConfig
-from drl_av.drivers.background.traffic import give_way
+from drl_av.config import Config
+from drl_av.drivers.background.traffic import give_way, scratch_of, traffic_numbers
 from drl_av.road.snapshot import Snapshot
+from drl_av.road.vehicle_types import AS_WRITTEN
 
-BRAKING_M_S2, TIMING = 4.0, SimulationConfig()  # from the next decision on, in steps of 0.5 s
+# they brake with 4 m/s^2 from the next decision on, after 1 s, in steps of 0.5 s
+TRAFFIC = traffic_numbers(Config(), ROAD, AS_WRITTEN)
 
 
 def sides(shot: Snapshot, *wanted: tuple[int, int]) -> list[int]:
     """The sides that remain of the (row, side) wishes."""
     rows, left = np.array([row for row, _ in wanted]), np.zeros(len(shot.ids), np.int64)
     left[rows] = [side for _, side in wanted]
-    road_m, times_s = (ROAD.lap_m, ROAD.lane_width_m), (TIMING.decision_interval_s, 0.5)
-    scratch = np.empty((2, 2 * len(shot.ids)), np.int64)
-    give_way(rows, left, *shot.arrays[:5], road_m, BRAKING_M_S2, times_s, *scratch)
+    give_way(rows, left, shot.arrays, TRAFFIC, scratch_of(TRAFFIC, len(shot.ids)))
     assert rows.tolist() == [row for row, _ in wanted]
     kept: list[int] = left[rows].tolist()
     return kept
