@@ -200,23 +200,21 @@ class Surroundings:
     def _find_strips(self) -> None:
         """Find the strips around the present edge, and by index where a strip ends, metres."""
         lanes = [f"{self._edge}_{k}" for k in range(self._sumo.edge.getLaneNumber(self._edge))]
-        strips = {lane: [Strip(index, ORIGIN_M)] for index, lane in enumerate(lanes)}
-        ends_m: dict[int, float] = {}
-        self._beside = {}
-        self._follow_route(strips, ends_m, lanes)
-        self._follow_back(strips, lanes)
-        lowest = min(strip.lane for own in strips.values() for strip in own)
-        for each in (strips, self._beside):
+        self._strips = {lane: [Strip(index, ORIGIN_M)] for index, lane in enumerate(lanes)}
+        self._beside, self._ends_m = {}, {}
+        self._follow_route(lanes)
+        self._follow_back(lanes)
+        lowest = min(strip.lane for _, strip in self._pairs())
+        for each in (self._strips, self._beside):
             for own in each.values():
                 own[:] = [one._replace(lane=one.lane - lowest) for one in own]
-        self._strips = strips
-        self._ends_m = {index - lowest: end_m for index, end_m in ends_m.items()}
+        self._ends_m = {index - lowest: end_m for index, end_m in self._ends_m.items()}
         open_lanes = self._lanes_of(self._edge)
-        self._closed = {strips[lane][0].lane for lane in lanes if lane not in open_lanes}
+        self._closed = {self._strips[lane][0].lane for lane in lanes if lane not in open_lanes}
 
-    def _follow_back(self, strips: Strips, lanes: Sequence[str]) -> None:
+    def _follow_back(self, lanes: Sequence[str]) -> None:
         """Add the strips that lead to these lanes, as far back as the range."""
-        left = [(lane, strips[lane][0]) for lane in lanes]
+        left = [(lane, self._strips[lane][0]) for lane in lanes]
         found = set[str]()
         while left:
             lane, (index, begin_m, _) = left.pop()
@@ -224,28 +222,28 @@ class Surroundings:
                 if before not in found and begin_m > ORIGIN_M - self._range_m:
                     found.add(before)
                     strip = Strip(index, begin_m - self._length_m[before])
-                    strips.setdefault(before, []).append(strip)
+                    self._strips.setdefault(before, []).append(strip)
                     left.append((before, strip))
 
-    def _follow_route(self, strips: Strips, ends_m: dict[int, float], lanes: Sequence[str]) -> None:
+    def _follow_route(self, lanes: Sequence[str]) -> None:
         """Add the strips ahead along the route, as far as an edge and the range reach."""
         ahead = self.route[self._sumo.vehicle.getRouteIndex(self._name) + 1 :]
         last_m = ORIGIN_M + self._length_m[lanes[0]] + self._range_m
-        here = {lane: strips[lane][0] for lane in lanes}
+        here = {lane: self._strips[lane][0] for lane in lanes}
         for following, next_edge in zip_longest(ahead, ahead[1:], fillvalue=""):
             names, arrived = self._lanes_of(following), dict[str, Strip]()
             # of several lanes to which one leads, the one that leads on carries its number
             best = [name for name in names if self._leads_to(name, next_edge)] or names
             # of two lanes that lead to one, the one that need not give way goes on
             for lane in sorted(here, key=lambda lane: not self._is_major(lane, names)):
-                if not self._lead_on(strips, lane, here[lane], names, best, arrived):
+                if not self._lead_on(lane, here[lane], names, best, arrived):
                     end_m = here[lane].begin_m + self._length_m[lane]
-                    ends_m.setdefault(here[lane].lane, end_m)
+                    self._ends_m.setdefault(here[lane].lane, end_m)
             if not arrived:
                 return
             here = {name: _beside(name, arrived) for name in names}
             for name, strip in here.items():
-                strips.setdefault(name, []).append(strip)
+                self._strips.setdefault(name, []).append(strip)
             if here[names[0]].begin_m > last_m:
                 return
 
@@ -257,13 +255,7 @@ class Surroundings:
         return any(approached in names and state == "M" for approached, *_, state, _, _ in links)
 
     def _lead_on(
-        self,
-        strips: Strips,
-        lane: str,
-        strip: Strip,
-        names: Sequence[str],
-        best: Sequence[str],
-        arrived: dict[str, Strip],
+        self, lane: str, strip: Strip, names: list[str], best: list[str], arrived: dict[str, Strip]
     ) -> bool:
         """Follow a lane over the junction to one of the lanes ``names``; False if it leads to none.
 
@@ -280,7 +272,7 @@ class Surroundings:
             merges, goes_on = approached in arrived, approached == main
             left_m = math.inf if goes_on or merges else end_m
             index = arrived[approached].lane if merges else strip.lane
-            own, at_m, inside = strips if goes_on else self._beside, end_m, via
+            own, at_m, inside = self._strips if goes_on else self._beside, end_m, via
             while inside != approached:
                 own.setdefault(inside, []).append(Strip(index, at_m, left_m))
                 at_m += self._length_m[inside]
