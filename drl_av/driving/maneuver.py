@@ -4,7 +4,7 @@ The lateral motion is kinematic, or steered by the curvature feedback of Sec. II
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -150,30 +150,31 @@ def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
 
 
 def set_lateral(
-    y_m: Any,
-    lateral_speed_m_s: Any,
-    speed_m_s: Any,
+    y_m: FloatArray,
+    lateral_speed_m_s: FloatArray,
+    speed_m_s: FloatArray,
     target_m: float,
     heading_rad: float,
     lane_width_m: float,
-    ego: EgoConfig,
-    step_s: float,
+    ego: EgoNumbers,
 ) -> tuple[float, bool]:
     """Set the ego's lateral positions and speeds at the end of each SUMO step of a lane change.
 
-    The first three arguments are lists, or arrays of shape (steps,). ``y_m`` holds the present
-    position when the function begins. ``target_m`` is the centre of the target lane.
+    The arrays have the shape (steps,). ``y_m`` holds the present position when the function begins.
+    ``target_m`` is the centre of the target lane. An ego that steers (Sec. III of the paper) is
+    exactly there once it is settled.
 
     Returns:
         The ego's heading, left positive, and whether the lane change has ended.
     """
-    at_m, over = y_m[0], False
+    at_m, step_s, over = y_m[0], ego.step_length_s, False
     for step in range(len(y_m)):
         speed, lateral_m_s = speed_m_s[step], 0.0
         if not over and ego.has_steering:
-            at_m, heading_rad, over = steered(
-                at_m, heading_rad, target_m, speed, lane_width_m, ego, step_s
-            )
+            pose = steer(Pose(at_m, heading_rad), target_m, speed, step_s, lane_width_m, ego)
+            over = settled(pose, target_m, speed, lane_width_m, ego)
+            at_m = target_m if over else pose.y_m
+            heading_rad = 0.0 if over else pose.heading_rad
             lateral_m_s = speed * math.tan(heading_rad)
         elif not over:
             at_m, lateral_m_s, over = shifted(at_m, target_m, lane_width_m, ego, step_s)
@@ -195,27 +196,6 @@ def shifted(
         return target_m, 0.0, True
     sign = 1 if target_m > y_m else -1
     return y_m + sign * stride_m, sign * rate_m_s, False
-
-
-def steered(
-    y_m: float,
-    heading_rad: float,
-    target_m: float,
-    speed_m_s: float,
-    lane_width_m: float,
-    ego: EgoConfig,
-    step_s: float,
-) -> tuple[float, float, bool]:
-    """Steer the vehicle of Sec. III of the paper; once settled it is exactly at the centre.
-
-    Returns:
-        The lateral position and the heading after a SUMO step, and whether the lane change has
-        ended.
-    """
-    pose = steer(Pose(y_m, heading_rad), target_m, speed_m_s, step_s, lane_width_m, ego)
-    if settled(pose, target_m, speed_m_s, lane_width_m, ego):
-        return target_m, 0.0, True
-    return pose.y_m, pose.heading_rad, False
 
 
 def next_change(origin: int, target: int, lane: int, sign: int) -> tuple[int, int]:
@@ -265,15 +245,7 @@ def plan_into(
     y_m[:], lateral_speed_m_s[:] = values[25], 0.0
     if origin == target:
         return origin, target, 0.0
-    target_m = target * lane_width_m
     heading_rad, over = set_lateral(
-        y_m,
-        lateral_speed_m_s,
-        speed_m_s,
-        target_m,
-        heading_rad,
-        lane_width_m,
-        ego,
-        ego.step_length_s,
+        y_m, lateral_speed_m_s, speed_m_s, target * lane_width_m, heading_rad, lane_width_m, ego
     )
     return (target, target, 0.0) if over else (origin, target, heading_rad)
