@@ -202,16 +202,14 @@ def test_the_order_along_the_road_finds_the_same_vehicles_as_a_look_at_all() -> 
             shot.s_m[rng.integers(n, size=n // 2)] = shot.s_m[row]
         order, places = np.empty(n, np.int64), np.empty(n, np.int64)
         road_m, state = (road.lap_m, road.lane_width_m), shot.arrays
-        sizes = state[0], state[1], state[4], state[5]
-        longest_m, *lanes = sort_along(*sizes, road.lane_width_m, order, places)
+        longest_m, *lanes = sort_along(state, road.lane_width_m, order, places)
         along = Along(order, places, longest_m, tuple(lanes))
         wanted, all_codes = np.empty(VALUES), np.empty(CODES, np.int64)
         indicators(state, numbered, range_m, wanted, all_codes, row)
         for looks_aside in (True, False):
             values, codes = np.empty(VALUES), np.empty(CODES, np.int64)
-            around = road_m, along, range_m, row, looks_aside, values, codes
-            find_nearest(*sizes, *around)
-            complete(state[:5], numbered, range_m, values, codes, row)
+            find_nearest(state, road_m, along, range_m, row, looks_aside, values, codes)
+            complete(state, numbered, range_m, values, codes, row)
             seen = slice(None) if looks_aside else slice(4)
             assert values[seen].tobytes() == wanted[seen].tobytes()
             assert codes[0] == all_codes[0]

@@ -179,7 +179,7 @@ def indicators(
     shape (10,), which ``Indicators`` describes. They are those of the ego, or of another vehicle in
     its place, whose row is ``viewer``.
     """
-    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
+    s_m, y_m, _, _, length_m, width_m = scene
     lane = lane_of(y_m[viewer], road.lane_width_m)
     own_m = lane * road.lane_width_m
     right_m, left_m = own_m - road.lane_width_m, own_m + road.lane_width_m
@@ -200,13 +200,12 @@ def indicators(
             is_nearer = (abs(y_m[row] - center_m) < reach_m) & (gap_m < nearest_m)
             values[4 * slot] = gap_m if is_nearer else nearest_m
             codes[slot] = row if is_nearer else its_row
-    state = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
-    complete(state, road, range_m, values, codes, viewer)
+    complete(scene, road, range_m, values, codes, viewer)
 
 
 @inlined
 def complete(
-    state: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    scene: Vehicles,
     road: RoadNumbers,
     range_m: float,
     values: FloatArray,
@@ -214,7 +213,7 @@ def complete(
     viewer: int,
 ) -> None:
     """Compute all that ``indicators`` computes but the gaps and rows of the slots, now known."""
-    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m = state
+    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, _ = scene
     lane, vehicles = lane_of(y_m[viewer], road.lane_width_m), len(s_m)
     own_s_m, own_m = s_m[viewer], lane * road.lane_width_m
     front_m = own_s_m + length_m[viewer] / 2

@@ -11,6 +11,7 @@ import numpy as np
 from drl_av.compiled import borrowing, inlined
 from drl_av.driving.affordances import NO_VEHICLE, IntArray
 from drl_av.road.road import FloatArray, around, lane_of
+from drl_av.road.snapshot import Vehicles
 
 TOLERANCE_M = 1e-6
 """By how much a lane counts as wider where only the lanes without any vehicle are sought."""
@@ -31,15 +32,10 @@ class Along(NamedTuple):
 
 @borrowing
 def sort_along(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
-    lane_m: float,
-    rows: IntArray,
-    places: IntArray,
+    scene: Vehicles, lane_m: float, rows: IntArray, places: IntArray
 ) -> tuple[float, int, int]:
     """Fill the first two fields of ``Along``, and return the numbers in the other two."""
+    s_m, y_m, _, _, length_m, width_m = scene
     longest_m, right_m, left_m = 0.0, np.inf, -np.inf
     for row in range(len(s_m)):
         half_m = width_m[row] / 2 + TOLERANCE_M
@@ -57,10 +53,7 @@ def sort_along(
 
 @inlined
 def find_nearest(
-    s_m: FloatArray,
-    y_m: FloatArray,
-    length_m: FloatArray,
-    width_m: FloatArray,
+    scene: Vehicles,
     road_m: tuple[float, float],
     along: Along,
     range_m: float,
@@ -75,6 +68,7 @@ def find_nearest(
     left out. Of a driver that does not look aside, only the first slot is right: the vehicle ahead
     in its own lane.
     """
+    s_m, y_m, _, _, length_m, width_m = scene
     lap_m, width = road_m
     lane, vehicles, half_lap_m = lane_of(y_m[viewer], width), len(s_m), lap_m / 2
     own_m = lane * width

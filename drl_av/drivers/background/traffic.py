@@ -162,13 +162,11 @@ def decide(
     ``scene`` is ``Snapshot.arrays``. The function updates the states of ``of_vehicles`` and for how
     long they brake, and fills its last two arrays in ``rows``.
     """
-    s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m = scene
     models, desired_m_s, states, braking, acceleration_m_s2, side = of_vehicles
     values, codes, units, order, places = scratch[:5]
     road, lane_m, machine, changes = traffic.road, traffic.road.lane_width_m, traffic.machine, False
-    longest_m, right, left = sort_along(s_m, y_m, length_m, width_m, lane_m, order, places)
+    longest_m, right, left = sort_along(scene, lane_m, order, places)
     along, road_m = Along(order, places, longest_m, (right, left)), (road.lap_m, lane_m)
-    moving = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m
     for row in rows:
         model, state, desired = models[row], states[row], desired_m_s[row]
         is_level_k = model in (LEVEL_1, LEVEL_2)
@@ -176,9 +174,8 @@ def decide(
         driver = traffic.level_2 if model == LEVEL_2 else traffic.level_1
         range_m = driver.range_m if sees_all else traffic.range_m
         while True:
-            seen = range_m, row, sees_all, values, codes
-            find_nearest(s_m, y_m, length_m, width_m, road_m, along, *seen)
-            complete(moving, road, range_m, values, codes, row)
+            find_nearest(scene, road_m, along, range_m, row, sees_all, values, codes)
+            complete(scene, road, range_m, values, codes, row)
             if sees_all or model == LEVEL_0:
                 break
             sees_all = looks_aside(values, codes, lane_m, state, desired, machine)
