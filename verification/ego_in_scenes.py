@@ -8,7 +8,7 @@ import numpy.typing as npt
 from drl_av.compiled import compiled
 from drl_av.config import StrictConfig
 from drl_av.driving.actions import EgoNumbers
-from drl_av.driving.affordances import CODES, FRONT, VALUES, IntArray, indicators
+from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
 from drl_av.driving.maneuver import plan_into
 from drl_av.road.road import FloatArray
 from drl_av.safety.strict import fallback_is_free, strict_verdicts
@@ -36,7 +36,7 @@ def plan_all(
         state = (x_m[row], y_m[row], speed_m_s[row], lateral_m_s[row], length_m, width_m)
         indicators(state, road, 250.0, values, codes)
         begun = (lanes[row, 0], lanes[row, 1], heading_rad[row])
-        ground = (road.lane_width_m, road.speed_limits, values[FRONT])
+        ground = (road.lane_width_m, road.speed_limits)
         into = (plans[row, 0], plans[row, 1], plans[row, 2])
         lanes_after[row, 0], lanes_after[row, 1], heading_rad[row] = plan_into(
             values, codes, executed[row], *begun, *ground, ego, *into

@@ -143,8 +143,7 @@ def plan_with(scene: Scene, action: Action, ego: EgoNumbers) -> Plan:
     change, steps = scene.lane_change, np.empty((3, ego.steps_per_decision))
     heading_rad = 0.0 if change is None else float(change.heading_rad)
     now = values, codes, action.number, *scene.lanes, heading_rad
-    road = ground[1], limits, float(values[FRONT])
-    origin, target, heading_rad = plan_into.fast(*now, *road, ego, *steps)
+    origin, target, heading_rad = plan_into.fast(*now, ground[1], limits, ego, *steps)
     after = None if origin == target else LaneChange(origin, target, heading_rad)
     return Plan([*map(Command, *steps.tolist())], after)
 
@@ -221,7 +220,6 @@ def plan_into(
     heading_rad: float,
     lane_width_m: float,
     limits: FloatArray,
-    front_m: float,
     ego: EgoNumbers,
     speed_m_s: FloatArray,
     y_m: FloatArray,
@@ -230,9 +228,9 @@ def plan_into(
     """Compute the plan of a decision, as ``plan``, from the arrays of ``indicators``.
 
     ``action`` is a number from 0 to 11; ``origin`` and ``target`` are the lanes of the lane change
-    in progress, equal if there is none. ``limits`` are ``RoadNumbers.speed_limits``, with the ego's
-    front at ``front_m``. The function fills the last three arrays, shape (steps,):
-    the ego's speed, lateral position and lateral speed at the end of each SUMO step.
+    in progress, equal if there is none. ``limits`` are ``RoadNumbers.speed_limits``. The function
+    fills the last three arrays, shape (steps,): the ego's speed, lateral position and lateral speed
+    at the end of each SUMO step.
 
     Returns:
         The lanes of the lane change after the decision, equal if there is none, and its heading.
@@ -240,7 +238,7 @@ def plan_into(
     speed, ahead = values[24], codes[0] != NO_VEHICLE
     gap_m, front_m_s = (values[0], speed + values[1]) if ahead else (np.inf, speed)
     set_speeds(speed_m_s, speed, gap_m, front_m_s, action % 4, ego, ego.step_length_s)
-    keep_limits(speed_m_s, speed, limits, codes[LANE], front_m, ego, ego.step_length_s)
+    keep_limits(speed_m_s, speed, limits, codes[LANE], values[FRONT], ego, ego.step_length_s)
     origin, target = next_change(origin, target, codes[LANE], SIGNS[action // 4])
     y_m[:], lateral_speed_m_s[:] = values[25], 0.0
     if origin == target:

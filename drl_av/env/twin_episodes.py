@@ -199,9 +199,8 @@ def decide(
     seen, going = (episodes.values[w], episodes.codes[w]), episodes.executed[w, action]
     begun = lanes[0], lanes[1], episodes.heading_rad[w]
     into = plan[0], plan[1], plan[2]
-    limits, front_m = task.road.speed_limits, episodes.values[w, FRONT]
     origin, target, heading_rad = plan_into(
-        *seen, going, *begun, net.lane_m, limits, front_m, task.ego, *into
+        *seen, going, *begun, net.lane_m, task.road.speed_limits, task.ego, *into
     )
     let_events_happen(world, net, episodes, w)
     if world.near[DRIVER_COUNT]:
