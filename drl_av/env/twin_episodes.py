@@ -285,14 +285,13 @@ def look(episodes: Episodes, task: Task, w: int, n: int) -> None:
     )
     episodes.terms[w, 0], episodes.terms[w, 1], episodes.terms[w, 2] = r_v, r_y, r_x
     executed, rules = episodes.executed[w], episodes.rules[w]
-    origin, target = episodes.lanes[w, 0], episodes.lanes[w, 1]
-    lanes = (origin, target)
+    lanes = episodes.lanes[w, 0], episodes.lanes[w, 1]
     ground = task.net.lap_m, task.net.lane_m, task.road.barriers, values[FRONT]
     if task.check == PAPER and len(task.road.barriers):
         settings = task.safety, task.strict, task.ego
         before_lane_ends(state, values, codes, lanes, ground, *settings, executed, rules)
     elif task.check == PAPER:
-        paper_verdicts(values, codes, origin, target, task.safety, executed, rules)
+        paper_verdicts(values, codes, lanes, task.safety, executed, rules)
     elif task.check == STRICT:
         strict_verdicts(state, codes, lanes, ground, task.strict, task.ego, executed, rules)
     else:

@@ -79,7 +79,7 @@ class Paper(WholeCheck):
         """Return the verdicts of the three rules on all 12 actions."""
         found = Verdicts(np.empty(12, np.int64), np.empty(12, np.int64))
         values, codes, *_ = scene.indicators
-        paper_verdicts.fast(values, codes, *scene.lanes, self._config, *found)
+        paper_verdicts.fast(values, codes, scene.lanes, self._config, *found)
         return found
 
 
@@ -98,20 +98,19 @@ def paper(scene: Scene, proposed: Action, config: SafetyConfig) -> Verdict:
 def paper_verdicts(
     values: FloatArray,
     codes: IntArray,
-    origin: int,
-    target: int,
+    lanes: tuple[int, int],
     safety: SafetyConfig,
     executed: IntArray,
     rules: IntArray,
 ) -> None:
     """Compute the verdicts of ``paper`` on all 12 actions of one scene.
 
-    ``values`` and ``codes`` are those of ``indicators``. ``origin`` and ``target`` are the lanes of
-    the lane change in progress, equal if there is none. The function fills the fields of
-    ``Verdicts``, ``executed`` and ``rules``.
+    ``values`` and ``codes`` are those of ``indicators``. ``lanes`` are those of the lane change in
+    progress, equal if there is none. The function fills the fields of ``Verdicts``, ``executed``
+    and ``rules``.
     """
     for lateral in range(3):
-        across, rule = checked_lateral(values, codes, origin, target, lateral, safety)
+        across, rule = checked_lateral(values, codes, lanes, lateral, safety)
         for longitudinal in range(4):
             along = checked_longitudinal(values, codes, longitudinal, safety)
             executed[4 * lateral + longitudinal] = 4 * across + along
@@ -132,16 +131,11 @@ def checked_longitudinal(
 
 
 def checked_lateral(
-    values: FloatArray,
-    codes: IntArray,
-    origin: int,
-    target: int,
-    proposed: int,
-    safety: SafetyConfig,
+    values: FloatArray, codes: IntArray, lanes: tuple[int, int], proposed: int, safety: SafetyConfig
 ) -> tuple[int, int]:
     """Return the lateral action after rules 2 and 3, and the rule that replaced it."""
-    still = origin == target
-    start, end = next_change(origin, target, codes[LANE], SIGNS[proposed])
+    still = lanes[0] == lanes[1]
+    start, end = next_change(*lanes, codes[LANE], SIGNS[proposed])
     if start == end:
         return proposed, 0
     back = KEEP if still else RIGHT if end > start else LEFT
@@ -226,7 +220,7 @@ def before_lane_ends(
     ahead = codes[0]
     if ahead >= len(scene[0]):  # the end of the lane
         codes[0] = NO_VEHICLE
-    paper_verdicts(values, codes, lanes[0], lanes[1], safety, executed, rules)
+    paper_verdicts(values, codes, lanes, safety, executed, rules)
     codes[0] = ahead
     s_m, y_m, speed, lateral, length_m, width_m = scene
     alone = s_m[:1], y_m[:1], speed[:1], lateral[:1], length_m[:1], width_m[:1]
