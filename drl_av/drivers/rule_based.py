@@ -25,6 +25,7 @@ from drl_av.driving.affordances import (
     NO_VEHICLE,
     WITHIN,
     IntArray,
+    gap_in,
     has_lane,
     slot_of,
 )
@@ -169,8 +170,7 @@ def rule_action(
     )
     if is_changing:
         return longitudinal
-    desired_m_s = min(ego.max_speed_m_s, values[ALLOWED])
-    side = mobil_side(values, codes, length_m, desired_m_s, mobil)
+    side = mobil_side(values, codes, length_m, ego.max_speed_m_s, mobil)
     return longitudinal + 4 * (LEFT if side > 0 else RIGHT if side < 0 else 0)
 
 
@@ -254,7 +254,7 @@ def mobil_gain(
     p the politeness. The gain is -inf if n would brake harder than the safety criterion permits.
     """
     front, desired = slot_of(sign), min(max_speed_m_s, values[ALLOWED])
-    new_follower = behind_ego(values, codes, front + 1, desired, mobil)
+    new_follower = follower(values, codes, front, True, length_m, desired, mobil)
     if new_follower < -mobil.safe_braking_m_s2:
         return -np.inf
     own = behind_leader(values, codes, front, desired, mobil) - behind_leader(
@@ -262,9 +262,9 @@ def mobil_gain(
     )
     others = (
         new_follower
-        - without_ego(values, codes, front, length_m, desired, mobil)
-        + without_ego(values, codes, 0, length_m, desired, mobil)
-        - behind_ego(values, codes, 1, desired, mobil)
+        - follower(values, codes, front, False, length_m, desired, mobil)
+        + follower(values, codes, 0, False, length_m, desired, mobil)
+        - follower(values, codes, 0, True, length_m, desired, mobil)
     )
     return own + mobil.politeness * others
 
@@ -273,46 +273,31 @@ def behind_leader(
     values: FloatArray, codes: IntArray, front: int, desired_m_s: float, mobil: MobilConfig
 ) -> float:
     """Return the ego's IDM acceleration behind the vehicle in the slot ``front``, m/s^2."""
-    if codes[front] == NO_VEHICLE:
-        return idm_acceleration(values[24], desired_m_s, np.inf, 0.0, mobil)
-    gap_m, closing_m_s = values[4 * front], -values[4 * front + 1]
+    gap_m, closing_m_s = gap_in(values, codes, front), -values[4 * front + 1]
     return idm_acceleration(values[24], desired_m_s, gap_m, closing_m_s, mobil)
 
 
-def behind_ego(
-    values: FloatArray, codes: IntArray, rear: int, desired_m_s: float, mobil: MobilConfig
-) -> float:
-    """Return the IDM acceleration behind the ego of the vehicle in the slot ``rear``, m/s^2.
-
-    It is 0 without such a vehicle.
-    """
-    if codes[rear] == NO_VEHICLE:
-        return 0.0
-    faster_m_s = values[4 * rear + 1]
-    speed_m_s = values[24] + faster_m_s
-    return idm_acceleration(speed_m_s, desired_m_s, values[4 * rear], faster_m_s, mobil)
-
-
-def without_ego(
+def follower(
     values: FloatArray,
     codes: IntArray,
     front: int,
+    has_ego: bool,
     length_m: float,
     desired_m_s: float,
     mobil: MobilConfig,
 ) -> float:
-    """Return the IDM acceleration of the vehicle behind the ego in a lane without the ego, m/s^2.
+    """Return the IDM acceleration of the vehicle behind the ego in a lane, m/s^2.
 
-    ``front`` is the slot of the vehicle ahead of the ego in this lane, ``length_m`` the length of
-    the ego. The result is 0 without a vehicle behind.
+    It follows the ego if the lane ``has_ego``, else the vehicle ahead of the ego in this lane,
+    whose slot is ``front``. ``length_m`` is the length of the ego. The result is 0 without a
+    vehicle behind.
     """
     rear = front + 1
     if codes[rear] == NO_VEHICLE:
         return 0.0
-    faster_m_s = values[4 * rear + 1]
-    speed_m_s = values[24] + faster_m_s
-    if codes[front] == NO_VEHICLE:
-        return idm_acceleration(speed_m_s, desired_m_s, np.inf, 0.0, mobil)
-    gap_m = values[4 * rear] + length_m + values[4 * front]
-    closing_m_s = faster_m_s - values[4 * front + 1]
+    gap_m, closing_m_s = values[4 * rear], values[4 * rear + 1]
+    speed_m_s = values[24] + closing_m_s
+    if not has_ego:
+        gap_m = gap_m + length_m + gap_in(values, codes, front)
+        closing_m_s -= values[4 * front + 1]
     return idm_acceleration(speed_m_s, desired_m_s, gap_m, closing_m_s, mobil)
