@@ -21,7 +21,7 @@ from drl_av.cli.options import (
     require_driving_settings,
     with_command_line,
 )
-from drl_av.drivers.registry import baselines, default_config, find_drivers, warn_of_checks
+from drl_av.drivers.registry import baselines, default_config, find_drivers
 from drl_av.errors import ConfigError, pluralize
 from drl_av.evaluation import (
     DENSITIES,
@@ -125,7 +125,7 @@ def evaluate(options: argparse.Namespace) -> int:
     from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
     from drl_av.evaluation.criterion import judge
     from drl_av.evaluation.criticality import CriticalityMetrics, styles
-    from drl_av.evaluation.episodes import Evaluation, Setup
+    from drl_av.evaluation.episodes import Evaluation, Setup, warn_of_checks
     from drl_av.evaluation.recording import RecordingFolder
     from drl_av.evaluation.statistics import (
         gains_over_fastest,

@@ -179,7 +179,7 @@ def adapt(options: argparse.Namespace) -> int:
     """
     from drl_av.drivers.learned import is_actor
     from drl_av.drivers.policy_file import find_policy
-    from drl_av.drivers.registry import find_drivers
+    from drl_av.drivers.registry import find_driver
     from drl_av.env.custom import custom_inputs
     from drl_av.learning.run_folder import Run, open_training, warm_start
     from drl_av.learning.train import require_tensorboard
@@ -192,7 +192,7 @@ def adapt(options: argparse.Namespace) -> int:
             f"{options.run} out."
         )
     word = "pretrained-paper" if options.run is None else options.run
-    [spec] = find_drivers([word])
+    spec = find_driver(word)
     if spec.run is None:
         raise ConfigError(
             f"{word} is not a driver that drl-av trained: give a run's folder, "

@@ -5,6 +5,7 @@ The source is a user's Python function, the zip file of a stable-baselines3 agen
 
 import glob
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ from drl_av.config import Config
 from drl_av.config.functions import import_function, require_function
 from drl_av.drivers.agent import driver_of_agent, statistics_file
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.onnx import OnnxDriver
+from drl_av.drivers.learned import require_same_observation
+from drl_av.drivers.onnx import OnnxDriver, exported_config
 from drl_av.driving.affordances import observed_indicators
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, ScenarioError
 from drl_av.safety.check import SafetyCheck
+from drl_av.scenarios.folder import find_scenario, load_scenario
 
 
 def driver_of_factory(word: str, config: Config) -> Driver:
@@ -51,6 +54,18 @@ def require_driver(driver: Driver, what: str, name: str) -> None:
 
 
 def _onnx(path: Path, config: Config, own: Any, check: Callable[[], SafetyCheck]) -> Driver:
+    if (trained := exported_config(path)) is not None:
+        require_same_observation(str(path), trained, config)
+        with suppress(ScenarioError):  # the road of the training may be elsewhere
+            roads = [
+                load_scenario(find_scenario(each.simulation.scenario)).road
+                for each in (trained, config)
+            ]
+            if len({(len(road.open_lanes), road.lane_width_m) for road in roads}) > 1:
+                raise ConfigError(
+                    f"{path} scales the lateral position by the lanes of its training, of which "
+                    "this road has others: drive the folder of the run."
+                )
     if own is None:
         return OnnxDriver(path, len(observed_indicators(config.observation)))
     return OnnxDriver(path, own.shape[0] if len(own.shape or ()) == 1 else 0)

@@ -39,7 +39,7 @@ from drl_av.drivers.rule_based import (
     SumoDriver,
     require_world,
 )
-from drl_av.errors import ConfigError, printable, warn
+from drl_av.errors import ConfigError, printable
 from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
 from drl_av.scenarios.folder import find_scenario, load_scenario
@@ -245,6 +245,18 @@ def _unknown(word: str) -> ConfigError:
     return ConfigError(f"There is no driver or run folder {what}{own}")
 
 
+def find_driver(word: str | Path) -> DriverSpec:
+    """Find the driver that a word names, as ``find_drivers`` does; one that names more is refused.
+
+    Raises:
+        ConfigError: there is no such driver, or the word names several.
+    """
+    found = find_drivers([word])
+    if len(found) > 1:
+        raise ConfigError(f"{word} names {len(found)} trainings: name one of them.")
+    return found[0]
+
+
 def default_config(specs: Sequence[DriverSpec]) -> Config:
     """Return the config of the first driver that drl-av trained, or the default config without one.
 
@@ -260,26 +272,6 @@ def default_config(specs: Sequence[DriverSpec]) -> Config:
             config = spec.config(own.updated("simulation", world="sumo"))
             return replace(config, traffic=TrafficConfig()) if config.traffic.presets else config
     return Config()
-
-
-def warn_of_checks(specs: Sequence[DriverSpec], check: str) -> None:
-    """Warn if some drivers without a named check would by themselves drive under another one.
-
-    ``check`` is that of the evaluation. Rule-based drivers and factories have no check of their
-    own; an agent's zip file alone would drive under that of the default config.
-    """
-    own = {}
-    for spec in specs:
-        if spec.run is not None and spec.under is None:
-            own[spec.name] = default_config([spec]).safety.check
-    others = {name: each for name, each in own.items() if each != check}
-    if others:
-        named = ", ".join(f"{name} by itself under {each}" for name, each in others.items())
-        example = "@".join(next(iter(others.items())))
-        warn(
-            f"All drivers without a named check drive under {check}, but {named}: name one check "
-            f"with --safety-check (safety_check=), or a driver's own, such as {example}."
-        )
 
 
 def driving_config(
@@ -390,6 +382,6 @@ def load_driver(
             f"driver is a {type(driver).__name__}, but must be a name, a path or "
             "'module:function'; a driver object needs no loading."
         )
-    specs = find_drivers([driver])
+    specs = [find_driver(driver)]
     [driver_made] = make_drivers(specs, driving_config(specs, config)).values()
     return driver_made

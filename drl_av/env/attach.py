@@ -11,7 +11,7 @@ from drl_av.config import Config
 from drl_av.drivers.checked import SteadyDriver
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import require_driver
-from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers, make_drivers
+from drl_av.drivers.registry import DriverSpec, driving_config, find_driver, make_drivers
 from drl_av.drivers.rule_based import IdmSumoDriver, SumoDriver
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan
@@ -112,7 +112,7 @@ def _specs(
     """Return what is to be loaded, if anything, and the config with which the driver drives."""
     specs: Sequence[DriverSpec] = ()
     if isinstance(driver, str | Path):
-        specs = find_drivers([driver])
+        specs = [find_driver(driver)]
     else:
         require_driver(driver, "driver", type(driver).__name__)
     settings = driving_config(specs, config)

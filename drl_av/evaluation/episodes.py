@@ -12,14 +12,14 @@ import cloudpickle
 
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.registry import DriverSpec, make_drivers
+from drl_av.drivers.registry import DriverSpec, default_config, make_drivers
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.rollout import drive
 from drl_av.env.transition import Transition
-from drl_av.errors import ConfigError, DrlAvWarning
+from drl_av.errors import ConfigError, DrlAvWarning, warn
 from drl_av.evaluation import DENSITIES, LOKY
 from drl_av.evaluation.engines import ENGINES
 from drl_av.evaluation.recording import RecordingFolder, recording_of
@@ -41,6 +41,26 @@ class Setup(NamedTuple):
     """The user's own check, reward and observation."""
     recordings: RecordingFolder | None = None
     """The folder that keeps the recordings; None keeps none."""
+
+
+def warn_of_checks(specs: Sequence[DriverSpec], check: str) -> None:
+    """Warn if some drivers without a named check would by themselves drive under another one.
+
+    ``check`` is that of the evaluation. Rule-based drivers and factories have no check of their
+    own; an agent's zip file alone would drive under that of the default config.
+    """
+    own = {}
+    for spec in specs:
+        if spec.run is not None and spec.under is None:
+            own[spec.name] = default_config([spec]).safety.check
+    others = {name: each for name, each in own.items() if each != check}
+    if others:
+        named = ", ".join(f"{name} by itself under {each}" for name, each in others.items())
+        example = "@".join(next(iter(others.items())))
+        warn(
+            f"All drivers without a named check drive under {check}, but {named}: name one check "
+            f"with --safety-check (safety_check=), or a driver's own, such as {example}."
+        )
 
 
 class EpisodeJob(NamedTuple):

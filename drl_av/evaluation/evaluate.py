@@ -12,12 +12,7 @@ from drl_av.config import Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import require_driver
-from drl_av.drivers.registry import (
-    DriverSpec,
-    driving_config,
-    find_drivers,
-    warn_of_checks,
-)
+from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers
 from drl_av.env.custom import CustomParts, with_check
 from drl_av.env.episode_start import require_numbers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
@@ -26,7 +21,7 @@ from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError, printable
 from drl_av.evaluation.criterion import CriterionResult, judge
 from drl_av.evaluation.criticality import CriticalityMetrics
-from drl_av.evaluation.episodes import Evaluation, Setup
+from drl_av.evaluation.episodes import Evaluation, Setup, warn_of_checks
 from drl_av.evaluation.statistics import summarize
 from drl_av.evaluation.trajectories import import_pandas
 from drl_av.safety.check import SafetyCheck

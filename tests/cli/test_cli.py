@@ -387,7 +387,7 @@ def test_a_setting_of_the_command_line_is_one_of_a_file(
         ("trafic.vehicles_max=3", "has no section [trafic] (did you mean 'traffic'?)"),
         ("traffic.vehicles_max=many", "traffic.vehicles_max is 'many', but must be a whole number"),
         ("safety.check=papr", "safety.check is 'papr' (did you mean 'paper'?)"),
-        ("learning.discount=7", "In learning.discount=7: learning.discount is 7.0, but must be"),
+        ("driver.hold_s=-7", "In driver.hold_s=-7: driver.hold_s is -7.0, but must be"),
     ],
 )
 @pytest.mark.parametrize("verb", ["train --out run", "evaluate idm", "replay --html x.html"])

@@ -28,7 +28,8 @@ from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.errors import DrlAvError
+from drl_av.errors import ConfigError, DrlAvError, RunError
+from drl_av.scenarios.folder import ScenarioDescription, write_scenario
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +148,19 @@ def test_the_exported_driver_drives_the_same_episode(exported: Path) -> None:
     with closing(HighwayEnv(config=config)) as env:
         first = drive(env, own, "driver", 800_000, 15)
         assert drive(env, other, "driver", 800_000, 15) == first
+
+
+def test_the_exported_driver_is_refused_where_its_run_is_and_on_other_lanes(
+    exported: Path, tmp_path: Path
+) -> None:
+    config, specs = Config().updated("learning", mirrored=True), find_drivers([str(exported)])
+    with pytest.raises(RunError, match="settings or another"):
+        make_drivers(specs, config.updated("ego", max_speed_m_s=40.0))
+    write_scenario(tmp_path / "five", ScenarioDescription(lanes=5))
+    five = config.updated("simulation", scenario=str(tmp_path / "five"))
+    with pytest.raises(ConfigError, match="scales the lateral position by the lanes of its train"):
+        make_drivers(specs, five)
+    make_drivers(find_drivers([str(exported.parent)]), five)
 
 
 def test_the_exported_driver_drives_with_the_settings_of_its_training(tmp_path: Path) -> None:

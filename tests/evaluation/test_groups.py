@@ -10,7 +10,7 @@ from runs import SHORT, Capsys, run_folder
 
 from drl_av.cli import main
 from drl_av.drivers.groups import trainings_of
-from drl_av.drivers.registry import baselines, find_drivers
+from drl_av.drivers.registry import baselines, find_drivers, load_driver
 from drl_av.errors import ConfigError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.evaluate import evaluate
@@ -73,6 +73,15 @@ def test_the_probability_of_improvement_counts_trainings() -> None:
     assert (ppo.speed_m_s.value, ppo.episodes, ppo.trainings) == (28, 6, 3)
     assert (idm.speed_m_s.value, idm.improvement) == (25, None)
     assert ppo.speed_m_s.low >= 22
+
+
+def test_a_group_is_no_single_driver(here: Path, capsys: Capsys) -> None:
+    for seed in (1, 2):
+        run_folder(here / f"seed-{seed}")
+    with pytest.raises(ConfigError, match=r"mine=seed-\* names 2 trainings: name one of them"):
+        load_driver("mine=seed-*")
+    assert main(["adapt", "mine=seed-*", "--out", "new"]) == 1
+    assert "names 2 trainings" in capsys.readouterr().err
 
 
 def test_each_training_is_judged() -> None:

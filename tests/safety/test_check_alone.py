@@ -151,13 +151,6 @@ def test_a_check_of_all_actions_that_returns_no_verdicts_is_refused(
                 asked()
 
 
-def test_a_check_of_all_actions_may_return_lists() -> None:
-    with closing(HighwayEnv(config=SHORT, safety_check=Whole([3] * 12, [1] * 12))) as env:
-        env.reset(seed=1)
-        assert env.action_masks().tolist() == MASK_OF_3
-        assert env.step(0)[-1]["rule"] == "in_lane"
-
-
 def test_a_check_cannot_write_the_scene_with_which_the_world_goes_on() -> None:
     """One that rolls forward in place would be told of another world than it drives in."""
 
