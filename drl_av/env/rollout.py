@@ -9,7 +9,7 @@ from drl_av.driving.actions import Action
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.transition import Transition
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, warn
 
 Watcher = Callable[[Transition], None]
 """A function that gets each decision of an episode."""
@@ -21,14 +21,20 @@ def rollout(
     """Drive one episode, and yield each decision before the driver makes the next.
 
     The caller may therefore train the driver between two decisions. The episode begins when the
-    caller requests the first decision; ``HighwayEnv.reset`` then gets ``seed`` and ``vehicles``.
+    caller requests the first decision; ``HighwayEnv.reset`` then gets ``seed`` and ``vehicles``. If
+    ``strict`` cannot protect the ego from this start, a DrlAvWarning says so.
 
     Raises:
         DrlAvError: ``HighwayEnv.reset`` or ``HighwayEnv.execute`` raises it, or the driver's
             ``act`` does not return an ``Action``.
     """
     options = None if vehicles is None else {"vehicles": vehicles}
-    env.reset(seed=seed, options=options)
+    _, info = env.reset(seed=seed, options=options)
+    if info["unsafe_start"]:
+        warn(
+            "An episode begins where strict cannot protect the ego (info['unsafe_start']): place "
+            "the vehicles farther apart."
+        )
     driver.start(seed)
     if isinstance(driver, SumoDriver):
         env.hand_over(driver.model)

@@ -35,10 +35,11 @@ class ScriptedEnv:
         self.scene = scene(speed_m_s=10.0 + self._done)
         self.observation = np.full(27, self._done, dtype=np.float32)
 
-    def reset(self, *, seed: int, options: Any) -> None:
+    def reset(self, *, seed: int, options: Any) -> tuple[None, dict[str, bool]]:
         self._done = 0
         self._tape.append(f"reset {seed} {options}")
         self._show()
+        return None, {"unsafe_start": False}
 
     def execute(self, action: int) -> Transition:
         before, observation = self.scene, self.observation

@@ -5,7 +5,7 @@ line. It decides once a second.
 """
 
 import re
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config, with_files
+from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Longitudinal
 from drl_av.env.highway import HighwayEnv
-from drl_av.errors import ConfigError
+from drl_av.env.rollout import rollout
+from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.road.road import Road
 from drl_av.road.vehicle_types import AS_WRITTEN
 from drl_av.safety import named_check
@@ -167,6 +169,10 @@ def test_a_start_from_which_braking_hard_does_not_help_is_reported(tmp_path: Pat
             while not over and env.scene.affordances.ego_speed_m_s > 0:
                 over = env.step(Longitudinal.HARD_BRAKE)[2]
             assert over is unsafe
+            with (
+                pytest.warns(DrlAvWarning, match="begins where strict") if unsafe else nullcontext()
+            ):
+                next(rollout(env, RandomDriver(), 0))
         with closing(HighwayEnv(folder, safety_check="paper")) as env:
             assert env.reset(seed=0)[1]["unsafe_start"] is False
 
