@@ -60,12 +60,13 @@ class ScriptedEnv:
     def require_room(self) -> None:
         """There is room for any number of vehicles on the script."""
 
-    def reset(self, *, seed: int, options: object) -> None:
+    def reset(self, *, seed: int, options: object) -> tuple[None, dict[str, bool]]:
         self.tape.append("reset")
         self.seeds.append(seed)
         self.options.append(options)
         self.t = 0
         self.observation = observed(0)
+        return None, {"unsafe_start": False}
 
     def execute(self, action: int) -> Transition:
         self.tape.append("act")
