@@ -54,21 +54,22 @@ def require_driver(driver: Driver, what: str, name: str) -> None:
 
 
 def _onnx(path: Path, config: Config, own: Any, check: Callable[[], SafetyCheck]) -> Driver:
+    if own is None:
+        observed = len(observed_indicators(config.observation))
+    else:
+        observed = own.shape[0] if len(own.shape or ()) == 1 else 0
+    driver = OnnxDriver(path, observed)
     if (trained := exported_config(path)) is not None:
         require_same_observation(str(path), trained, config)
         with suppress(ScenarioError):  # the road of the training may be elsewhere
-            roads = [
-                load_scenario(find_scenario(each.simulation.scenario)).road
-                for each in (trained, config)
-            ]
+            both = [each.simulation.scenario for each in (trained, config)]
+            roads = [load_scenario(find_scenario(scenario)).road for scenario in both]
             if len({(len(road.open_lanes), road.lane_width_m) for road in roads}) > 1:
                 raise ConfigError(
                     f"{path} scales the lateral position by the lanes of its training, of which "
                     "this road has others: drive the folder of the run."
                 )
-    if own is None:
-        return OnnxDriver(path, len(observed_indicators(config.observation)))
-    return OnnxDriver(path, own.shape[0] if len(own.shape or ()) == 1 else 0)
+    return driver
 
 
 LOADERS: dict[str, Callable[[Path, Config, Any, Callable[[], SafetyCheck]], Driver]] = {
