@@ -16,13 +16,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.rule_based import IdmDriver, MobilDriver
 from drl_av.driving import maneuver
 from drl_av.driving.actions import ACTIONS
-from drl_av.driving.affordances import (
-    CODES,
-    VALUES,
-    complete,
-    compute_indicators,
-    indicators,
-)
+from drl_av.driving.affordances import CODES, VALUES, complete, compute_indicators, indicators
 from drl_av.driving.nearest import Along, find_nearest, sort_along
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_terms

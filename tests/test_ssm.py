@@ -132,11 +132,7 @@ def with_device(file: Path) -> list[str]:
     ],
 )
 def test_time_to_collision_and_drac_are_those_of_sumo_s_device_at_every_decision_that_it_sees(
-    name: str,
-    seed: int,
-    vehicles: int,
-    circumference_m: float,
-    tmp_path: Path,
+    name: str, seed: int, vehicles: int, circumference_m: float, tmp_path: Path
 ) -> None:
     write_scenario(tmp_path / "loop", ScenarioDescription(circumference_m=circumference_m))
     arguments = (DRIVERS[name], seed, vehicles, str(tmp_path / "loop"))

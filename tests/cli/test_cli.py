@@ -193,10 +193,7 @@ sys.meta_path.insert(0, Finder())
 
 
 def test_full_disk_is_reported_and_the_table_of_before_is_kept(
-    settings: Path,
-    tmp_path: Path,
-    request: pytest.FixtureRequest,
-    capsys: Capsys,
+    settings: Path, tmp_path: Path, request: pytest.FixtureRequest, capsys: Capsys
 ) -> None:
     out = tmp_path / "rows.csv"
     words = ["evaluate", "idm", "--vehicles", "3", "--config", str(settings), "--out", str(out)]

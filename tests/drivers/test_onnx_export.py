@@ -17,12 +17,7 @@ from drl_av.config.reference import annotated_toml
 from drl_av.drivers.network import QNetwork
 from drl_av.drivers.onnx import described, export
 from drl_av.drivers.policy_file import SHIPPED, load_run, save_policy
-from drl_av.drivers.registry import (
-    default_config,
-    find_drivers,
-    load_learned,
-    make_drivers,
-)
+from drl_av.drivers.registry import default_config, find_drivers, load_learned, make_drivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS, SLOTS
 from drl_av.driving.observation_scale import ObservationScale
@@ -114,10 +109,7 @@ def test_the_help_of_export_describes_them_too(capsys: Capsys) -> None:
     ],
 )
 def test_what_cannot_be_exported_is_named_with_what_can(
-    word: str,
-    message: str,
-    here: Path,
-    capsys: Capsys,
+    word: str, message: str, here: Path, capsys: Capsys
 ) -> None:
     for file in ("dqn.zip", "net.onnx", "drive.npz", "fast.toml"):
         Path(file).write_bytes(b"PK")

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from drl_av.config import EgoConfig
-from drl_av.driving.actions import (
-    ACTIONS,
-    Action,
-    Lateral,
-    Longitudinal,
-    action_of,
-    toward,
-)
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, action_of, toward
 from drl_av.errors import ConfigError
 
 

@@ -7,13 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drl_av.config import EgoConfig
-from drl_av.driving.maneuver import (
-    Pose,
-    curvature_command,
-    lane_change_length,
-    settled,
-    steer,
-)
+from drl_av.driving.maneuver import Pose, curvature_command, lane_change_length, settled, steer
 
 EGO, LANE_M = EgoConfig(), 3.8
 SPEEDS = st.floats(0, 30)

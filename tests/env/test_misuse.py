@@ -18,13 +18,7 @@ from drl_av.drivers.registry import find_drivers
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.errors import (
-    ConfigError,
-    DrlAvError,
-    DrlAvWarning,
-    ScenarioError,
-    SimulationError,
-)
+from drl_av.errors import ConfigError, DrlAvError, DrlAvWarning, ScenarioError, SimulationError
 from drl_av.safety.check import permit_all
 from drl_av.scenarios.folder import (
     ScenarioDescription,

@@ -241,11 +241,7 @@ def test_what_no_page_can_show_is_one_sentence(
     ],
 )
 def test_a_recording_of_other_shapes_is_one_sentence(
-    changed: dict[str, Any],
-    why: str,
-    recording: Recording,
-    tmp_path: Path,
-    capsys: Capsys,
+    changed: dict[str, Any], why: str, recording: Recording, tmp_path: Path, capsys: Capsys
 ) -> None:
     replace(recording, **changed).save(tmp_path / "odd.npz")  # with a right checksum
     assert main(["replay", str(tmp_path / "odd.npz"), "--html", str(tmp_path / "x.html")]) == 1

@@ -22,12 +22,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.transition import Transition
 from drl_av.learning import algorithm_1 as module
-from drl_av.learning.algorithm_1 import (
-    EVALUATION_SEEDS,
-    Training,
-    build_training,
-    make_buffer,
-)
+from drl_av.learning.algorithm_1 import EVALUATION_SEEDS, Training, build_training, make_buffer
 from drl_av.learning.learner import Learner, Update
 from drl_av.learning.replay import Batch, Buffer
 from drl_av.learning.run_folder import Run, train

@@ -38,10 +38,7 @@ def stored(*decisions: Transition) -> tuple[np.ndarray, np.ndarray]:
     buffer = two_buffers()
     for each in decisions:
         store(each, buffer, R_COL)
-    return (
-        buffer.safe.rows[: len(buffer.safe)],
-        buffer.collision.rows[: len(buffer.collision)],
-    )
+    return (buffer.safe.rows[: len(buffer.safe)], buffer.collision.rows[: len(buffer.collision)])
 
 
 def ends(rows: np.ndarray) -> list[tuple[int, float, float]]:

@@ -66,8 +66,7 @@ def granted(lateral: Lateral, how: Longitudinal = MAINTAIN) -> Verdict:
 
 
 @pytest.mark.parametrize(
-    ("how", "reach_m"),
-    [(ACCELERATE, 76.5), (MAINTAIN, 65.0), (BRAKE, 54.5), (HARD_BRAKE, 45.0)],
+    ("how", "reach_m"), [(ACCELERATE, 76.5), (MAINTAIN, 65.0), (BRAKE, 54.5), (HARD_BRAKE, 45.0)]
 )
 def test_the_reaches_at_20_m_s_are_those_worked_by_hand(how: Longitudinal, reach_m: float) -> None:
     rate = how.acceleration_m_s2(CONFIG.ego)

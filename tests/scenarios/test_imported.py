@@ -271,11 +271,7 @@ def refused(capsys: Capsys, folder: Path, net: Path, *words: str, ends: str = "e
     ],
 )
 def test_a_road_that_cannot_be_driven_is_refused_in_one_sentence(
-    parts: list[Part],
-    given: dict[str, Any],
-    reason: str | None,
-    tmp_path: Path,
-    capsys: Capsys,
+    parts: list[Part], given: dict[str, Any], reason: str | None, tmp_path: Path, capsys: Capsys
 ) -> None:
     net = chain(tmp_path, *parts, **given)
     if reason is None:

@@ -249,11 +249,7 @@ def test_types_that_do_not_fit_each_other_are_refused() -> None:
     ],
 )
 def test_a_wrong_file_is_refused_in_one_sentence(
-    text: str | None,
-    words: list[str],
-    message: str,
-    tmp_path: Path,
-    capsys: Capsys,
+    text: str | None, words: list[str], message: str, tmp_path: Path, capsys: Capsys
 ) -> None:
     if text is not None:
         (tmp_path / "wrong.toml").write_text(text)

@@ -27,10 +27,7 @@ def test_the_table_has_the_ends_alone_and_the_worst_of_each_column() -> None:
 
 
 def test_it_keeps_policies_on_the_way_and_goes_on_where_it_stopped(
-    tmp_path: Path,
-    two_episodes: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Capsys,
+    tmp_path: Path, two_episodes: list[str], monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setattr(scale, "POINTS", (16_384, 40_000))
     scale.main(two_episodes)

@@ -2,13 +2,7 @@
 
 import pytest
 
-from drl_av.twin.following import (
-    brake_gap,
-    follow_speed,
-    free_speed,
-    idm_speed,
-    secure_gap,
-)
+from drl_av.twin.following import brake_gap, follow_speed, free_speed, idm_speed, secure_gap
 
 
 def test_a_driver_with_much_room_accelerates_twice_a_quarter_second() -> None:

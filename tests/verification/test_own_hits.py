@@ -77,10 +77,7 @@ class Wall(Keeping):
 
 @pytest.mark.parametrize(("people", "status"), [(Keeping, 0), (Wall, 1)])
 def test_the_control_can_fail(
-    people: type[Traffic],
-    status: int,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Capsys,
+    people: type[Traffic], status: int, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setattr(own_hits, "Keeping", people)
     words = ["--tests", "2", "--control", "3", "--careless", "0.01", "--seed", "99"]
