@@ -1,6 +1,7 @@
 """Networks of a user's own: a true one from OpenStreetMap, and small ones that netconvert makes."""
 
 import subprocess
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -84,6 +85,13 @@ def along(net: Path, last: int, **changed: object) -> ImportedDescription:
     """The route from e0 to the edge with the number ``last`` of a chain."""
     given = {"net": str(net), "from_edge": "e0", "to_edge": f"e{last}"} | changed
     return ImportedDescription(**given)  # type: ignore[arg-type]
+
+
+def ways_of(folder: Path) -> set[str]:
+    """The connections of lanes in the network of a scenario's folder, such as "e0 1 e1 0"."""
+    keys = ("from", "fromLane", "to", "toLane")
+    network = ET.parse(folder / "highway.net.xml").getroot()
+    return {" ".join(way.attrib[key] for key in keys) for way in network.iter("connection")}
 
 
 LEAVING_WAYS = (
