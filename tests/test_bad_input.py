@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from programs import Bomb
 from runs import Capsys, error_message, replace_in
 
 from drl_av.cli import main
@@ -168,16 +169,6 @@ def test_a_checkpoint_truncates_no_file_but_the_run_s_own(
         save(run.checkpoint_file, tensors, numbers)
         run.restore(build_training(env))
     assert victim.read_text() == "dear diary"
-
-
-class Bomb:
-    """Leaves a mark where it is unpickled."""
-
-    def __init__(self, mark: Path) -> None:
-        self.mark = mark
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return Path.touch, (self.mark,)
 
 
 def test_no_file_runs_code_when_it_is_loaded(

@@ -15,7 +15,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.wrappers import NormalizeObservation, RescaleObservation
-from programs import python
+from programs import Bomb, python
 from runs import Capsys, error_message
 from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
@@ -36,16 +36,6 @@ from drl_av.scenarios.loop import ScenarioDescription
 
 SHORT = Config().updated("simulation", decisions_per_episode=8)
 RNG = np.random.default_rng(5)
-
-
-class Bomb:
-    """Leaves a mark where it is unpickled."""
-
-    def __init__(self, mark: Path) -> None:
-        self.mark = mark
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return Path.touch, (self.mark,)
 
 
 def loaded(path: Path, space: Any = None) -> Any:

@@ -134,6 +134,8 @@ def test_a_policy_file_decides_as_the_network_that_learned(tmp_path: Path) -> No
 def test_a_training_that_is_stopped_leaves_what_it_has_learned(run: Path, tmp_path: Path) -> None:
     with closing(train_at_scale(tmp_path / "short", SMALL)) as training:
         next(training)  # one of four updates, before the first regular save of a longer one
+        with pytest.raises(RunError, match="exists already: choose another folder"):
+            next(train_at_scale(tmp_path / "short", SMALL))
         (tmp_path / "short" / "policy.safetensors").unlink()
     weights, _ = load_actor(tmp_path / "short" / "policy.safetensors")
     ends, _ = load_actor(run / "policy.safetensors")

@@ -134,7 +134,7 @@ def test_a_proposal_that_was_changed_counts_as_it_was_executed() -> None:
     assert done.hard_brakes == 3
 
 
-def test_an_abort_is_the_opposite_direction_during_a_lane_change() -> None:
+def test_an_abort_is_the_opposite_direction_executed_during_a_lane_change() -> None:
     to_left, to_right = changing(origin=1, target=2, seconds=2), LaneChange(1, 0)
     assert row(decision(to_left, executed=TO_RIGHT)).aborted_lane_changes == 1
     assert row(decision(to_left, executed=TO_LEFT)).aborted_lane_changes == 0
@@ -143,10 +143,7 @@ def test_an_abort_is_the_opposite_direction_during_a_lane_change() -> None:
     assert row(decision(right, executed=TO_LEFT)).aborted_lane_changes == 1
     assert row(decision(right, executed=TO_RIGHT)).aborted_lane_changes == 0
     assert row(decision(FREE, executed=TO_RIGHT)).aborted_lane_changes == 0  # it begins one
-
-
-def test_an_abort_proposed_and_not_executed_is_none() -> None:
-    to_left = changing(origin=1, target=2, seconds=2)
+    # proposed and not executed it is none
     kept = decision(to_left, executed=KEEP, proposed=TO_RIGHT, rule="lane_change")
     assert row(kept).aborted_lane_changes == 0
     made = decision(to_left, executed=TO_RIGHT, proposed=KEEP, rule="lane_change")

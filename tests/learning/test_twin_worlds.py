@@ -263,17 +263,6 @@ def test_the_same_seed_gives_the_same_worlds() -> None:
     assert one.tobytes() != other.tobytes()
 
 
-def test_two_trainings_at_scale_do_not_write_to_one_folder(tmp_path: Path) -> None:
-    small = PRESETS["large"].updated(
-        "ppo", worlds=5, batch_size=10, minibatch_size=5, decisions=20, epochs=1
-    )
-    first = train_at_scale(tmp_path / "run", small)
-    next(first)
-    with pytest.raises(RunError, match="exists already: choose another folder"):
-        next(train_at_scale(tmp_path / "run", small))
-    first.close()
-
-
 def test_a_full_disk_leaves_no_folder_of_a_training_at_scale(
     tmp_path: Path, full_disk: None
 ) -> None:

@@ -298,11 +298,14 @@ def test_a_copy_from_an_open_road_in_sumo_foresees_nearly_all_speeds_a_second_ah
     assert missed_m_s.mean() < 0.03
 
 
-def test_copies_of_copies_and_an_end_that_stays(twin: HighwayEnv) -> None:
+def test_copies_of_copies_and_an_end_that_stays() -> None:
     worlds = TwinVectorEnv(3, safety_check="permit_all")
     worlds.reset(seed=1_000_000, options={"vehicles": 25})
-    copies = worlds.fork(5, world=1).fork(2, seed=9, world=4)
-    assert copies.num_envs == 2
+    five = worlds.fork(5, world=1)
+    copies = five.fork(2, seed=9, world=4)
+    for some, number in ((worlds, 3), (five, 5), (copies, 2)):
+        assert some.num_envs == number
+        assert (some.observation_space.shape, some.action_space.shape) == ((number, 27), (number,))
     assert copies.scene(0).snapshot.s_m.tolist() == worlds.scene(1).snapshot.s_m.tolist()
     for _ in range(60):  # full speed to the right until both have hit something
         observation, _, terminated, *_ = copies.step(np.array([9, 9]))
@@ -315,15 +318,6 @@ def test_copies_of_copies_and_an_end_that_stays(twin: HighwayEnv) -> None:
     assert again[2].tolist() == [True, True]
     with pytest.raises(gymnasium.error.ResetNeeded, match="no episode to fork"):
         copies.fork(1)
-
-
-def test_copies_have_spaces_of_their_own_number() -> None:
-    worlds = TwinVectorEnv(3)
-    worlds.reset(seed=0)
-    assert (worlds.observation_space.shape, worlds.action_space.shape) == ((3, 27), (3,))
-    copies = worlds.fork(5)
-    assert (copies.observation_space.shape, copies.action_space.shape) == ((5, 27), (5,))
-    assert worlds.observation_space.shape == (3, 27)
 
 
 def test_a_driver_searches_among_copies(twin: HighwayEnv) -> None:

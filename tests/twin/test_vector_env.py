@@ -91,17 +91,6 @@ def test_an_episode_that_is_over_begins_again_at_the_next_step() -> None:
     assert not begun["_collision"].any()
 
 
-def test_in_the_mode_same_step_the_last_observation_is_in_the_info() -> None:
-    config = Config().updated("simulation", decisions_per_episode=1)
-    env = TwinVectorEnv(2, config=config, autoreset_mode=AutoresetMode.SAME_STEP)
-    start, _ = env.reset(seed=3)
-    seen, _, _, truncated, info = env.step(np.zeros(2, np.int64))
-    assert truncated.all()
-    assert info["_final_obs"].all()
-    assert not np.array_equal(info["final_obs"][0], seen[0])
-    assert not np.array_equal(info["final_obs"][0], start[0])
-
-
 def assert_same_info(ours: dict[str, Any], its: dict[str, Any], present: Any) -> None:
     """Compare two ``info`` of vector environments, in the worlds in which they are ``present``."""
     has = {name for name, mask in ours.items() if name.startswith("_") and mask.any()}
@@ -308,14 +297,26 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
     assert scene.indicators.values[:27] == pytest.approx(info["indicators"][1])
 
 
-@pytest.mark.parametrize("actions", [[0], [0, 12], [0, -1], [[0, 0]], [0.0, 1.0], [[0], [1, 2]]])
-def test_wrong_actions_are_refused(actions: Any) -> None:
+OTHER_SHAPES = (
+    [0],
+    [[0, 0]],
+    [[0], [1, 2]],
+    [True],
+    "abc",
+    5,
+    np.ones(5, bool),
+    np.ones((3, 2), bool),
+)
+
+
+@pytest.mark.parametrize("given", [[0, 12], [0, -1], [0.0, 1.0], [1, 0, 2], *OTHER_SHAPES], ids=str)
+def test_wrong_actions_and_masks_of_other_worlds_are_refused(given: Any) -> None:
     env = TwinVectorEnv(2)
     env.reset(seed=1)
     with pytest.raises(ConfigError, match="2 whole numbers from 0 to 11"):
-        env.step(actions)
-    with pytest.raises(ConfigError, match="2 times True or False"):
-        env.reset(options={"reset_mask": actions})
+        env.step(given)
+    with pytest.raises(ConfigError, match="reset_mask must be an array of 2 times True or False"):
+        env.reset(options={"reset_mask": given})
 
 
 def test_each_episode_draws_one_of_the_kinds_of_traffic_and_is_as_in_that_kind_alone() -> None:
@@ -327,16 +328,6 @@ def test_each_episode_draws_one_of_the_kinds_of_traffic_and_is_as_in_that_kind_a
     for world, (seed, kind) in enumerate(zip(seeds, kinds, strict=True)):
         alone = TwinVectorEnv(1, config=Config().with_traffic(SINGLE_PRESETS[kind]))
         assert np.array_equal(driven(alone, [seed])[:, 0], together[:, world]), SINGLE_PRESETS[kind]
-
-
-@pytest.mark.parametrize(
-    "mask", [[True], "abc", 5, [1, 0, 2], np.ones(5, bool), np.ones((3, 2), bool)], ids=str
-)
-def test_a_mask_of_other_worlds_is_refused(mask: Any) -> None:
-    worlds = TwinVectorEnv(3)
-    worlds.reset(seed=1)
-    with pytest.raises(ConfigError, match="reset_mask must be an array of 3 times True or False"):
-        worlds.reset(options={"reset_mask": mask})
 
 
 def test_the_first_reset_begins_all_worlds() -> None:
