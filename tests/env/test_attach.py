@@ -1,7 +1,6 @@
 """A driver and a check for one vehicle of the user's own SUMO, in a network that is not ours."""
 
-import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import libsumo as sumo
 import numpy as np
 import pytest
+from nets import converted
 
 import drl_av
 from drl_av.config import Config
@@ -19,7 +19,6 @@ from drl_av.driving.wide_observation import WIDE_NAMES
 from drl_av.env.attach import AttachedEgo
 from drl_av.errors import ConfigError, SimulationError
 from drl_av.safety.check import Rule, Verdict, permit_all
-from drl_av.sumo_programs import program
 
 NODES = """<node id="a" x="0" y="0"/><node id="b" x="600" y="0"/>
 <node id="c" x="1200" y="0"/><node id="x" x="1200" y="-200"/>"""
@@ -28,13 +27,7 @@ EDGES = """<edge id="in" from="a" to="b" numLanes="3" speed="40" width="3.5"/>
 <edge id="off" from="b" to="x" numLanes="1" speed="40" width="3.5"/>"""
 
 
-def links(*ways: str) -> str:
-    """Connections of lanes; a way is from, lane, to, lane."""
-    form = '<connection from="{}" fromLane="{}" to="{}" toLane="{}"/>'
-    return "".join(form.format(*way.split()) for way in ways)
-
-
-LINKS = links("in 0 off 0", "in 1 on 0", "in 2 on 1")
+WAYS = "in 0 off 0", "in 1 on 0", "in 2 on 1"
 CAR = (
     '<vType id="car" carFollowModel="IDM" laneChangeModel="SL2015" accel="1.5" decel="4" '
     'emergencyDecel="4" maxSpeedLat="0.76" length="5" width="1.8" maxSpeed="30" speedDev="0"/>'
@@ -47,12 +40,8 @@ def net(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build(tmp_path_factory.mktemp("net"), EDGES)
 
 
-def build(folder: Path, edges: str, nodes: str = NODES, ways: str = LINKS) -> Path:
-    for name, text in (("nodes", nodes), ("edges", edges), ("connections", ways)):
-        (folder / f"{name}.xml").write_text(f"<{name}>{text}</{name}>")
-    inputs = ["-n", "nodes.xml", "-e", "edges.xml", "-x", "connections.xml", "-o", "net.xml"]
-    subprocess.run([program("netconvert"), *inputs], cwd=folder, check=True, capture_output=True)
-    return folder / "net.xml"
+def build(folder: Path, edges: str, nodes: str = NODES, ways: Sequence[str] = WAYS) -> Path:
+    return converted(folder, nodes, edges, ways)
 
 
 @pytest.fixture(autouse=True)
@@ -245,7 +234,7 @@ def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path) -> None:
         f'<edge id="e{k}" from="n{k}" to="n{(k + 1) % 4}" numLanes="1" speed="30"/>'
         for k in range(4)
     )
-    net = build(tmp_path, edges, nodes, links(*(f"e{k} 0 e{(k + 1) % 4} 0" for k in range(4))))
+    net = build(tmp_path, edges, nodes, [f"e{k} 0 e{(k + 1) % 4} 0" for k in range(4)])
     ways = {k: " ".join(f"e{(k + n) % 4}" for n in range(40)) for k in (0, 1, 3)}
     routes = "".join(f'<route id="from{k}" edges="{way}"/>' for k, way in ways.items())
     cars = (("ego", 40, 0), ("ahead", 60, 1), ("behind", 50, 3))
@@ -271,7 +260,7 @@ def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(tmp_path: Path)
     form = '<edge id="{}" from="{}" to="{}" numLanes="1" speed="30" length="{}" shape="{}"/>'
     there = form.format("long", "a", "b", 300, "0,0 300,0")
     back = form.format("short", "b", "a", 60, "300,0 150,90 0,0")
-    net = build(tmp_path, there + back, nodes, links("long 0 short 0", "short 0 long 0"))
+    net = build(tmp_path, there + back, nodes, ["long 0 short 0", "short 0 long 0"])
     laps = f'<route id="laps" edges="{"long short " * 9}"/>'
     begin(net, car("ego", 0, 10, 0, "laps") + car("rear", 0, 280, 0, "laps"), laps + CAR)
     seen = attached(Does(), "permit_all")[1].affordances
@@ -286,7 +275,7 @@ def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(tmp_path: Path)
 def test_of_two_lanes_that_lead_to_one_the_one_that_gives_way_ends(tmp_path: Path) -> None:
     edges = """<edge id="in" from="a" to="b" numLanes="2" speed="30" width="3.5"/>
     <edge id="on" from="b" to="c" numLanes="1" speed="30" width="3.5"/>"""
-    begin(build(tmp_path, edges, ways=links("in 0 on 0", "in 1 on 0")), car("ego", 0, 400))
+    begin(build(tmp_path, edges, ways=["in 0 on 0", "in 1 on 0"]), car("ego", 0, 400))
     _, scene, _ = attached("gap-mobil")
     major = {lane: sumo.lane.getLinks(f"in_{lane}")[0][5] == "M" for lane in (0, 1)}
     assert major == {0: False, 1: True}
@@ -303,7 +292,7 @@ def a_road(
     nodes += f'<node id="x" x="{metres}" y="-200"/><node id="y" x="{metres}" y="-400"/>'
     form = '<edge id="e{}" from="n{}" to="n{}" numLanes="{}" speed="30" width="3.5"/>'
     edges = "".join(form.format(k, k, k + 1, number) for k, number in enumerate(lanes))
-    return build(folder, edges + more, nodes, links(*ways))
+    return build(folder, edges + more, nodes, ways)
 
 
 def begin_on(net: Path, edges: str, vehicles: str, types: str = CAR) -> None:

@@ -105,11 +105,12 @@ def test_a_number_is_drawn_and_a_training_begun_only_if_all_of_the_range_fit() -
         for refused in (env.require_room, lambda: env.reset(seed=1)):
             with pytest.raises(ConfigError, match=r"vehicles_max is 500, but this road takes 113"):
                 refused()
-        assert env.reset(seed=1, options={"vehicles": 3})[1]["vehicles"] == 3
-        with pytest.raises(ConfigError):
-            env.reset(seed=2)
-        with pytest.raises(gymnasium.error.ResetNeeded):  # not the episode of before
-            env.step(0)
+        for options, error in (({}, ConfigError), ({"vehicles": 5_000}, ScenarioError)):
+            assert env.reset(seed=1, options={"vehicles": 3})[1]["vehicles"] == 3
+            with pytest.raises(error):
+                env.reset(seed=2, options=options)
+            with pytest.raises(gymnasium.error.ResetNeeded):  # not the episode of before
+                env.step(0)
 
 
 @pytest.mark.parametrize("name", ["x" * 300, Config().to_toml()])
@@ -195,12 +196,3 @@ def test_a_reset_that_is_interrupted_leaves_no_vehicle_on_the_road(
     env.step(0)
     assert len(libsumo.vehicle.getIDList()) == 3
     env.close()
-
-
-def test_a_reset_that_fails_leaves_no_episode_to_drive_on_in() -> None:
-    env = HighwayEnv(config=SHORT)
-    env.reset(seed=1, options={"vehicles": 2})
-    with pytest.raises(ScenarioError):
-        env.reset(seed=1, options={"vehicles": 5_000})
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(0)

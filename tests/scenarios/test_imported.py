@@ -340,10 +340,7 @@ LENGTH = 'length="1194.87"'
             *("330.80,3159.89", "9e9,3159.89"),
             r"shape of edge '264306385' has a coordinate beyond 10000 km: write the network again",
         ),
-        (
-            *('<lane id="264306385_2"[^>]* shape="', r"\g<0>nan,0 "),
-            r"a lane has the point 'nan,0'",
-        ),
+        ('<lane id="264306385_2"[^>]* shape="', r"\g<0>nan,0 ", r"a lane has the point 'nan,0'"),
         ('encoding="UTF-8"', 'encoding="klingon"', r"that Python does not know .*klingon"),
         ('via=":2699976596_0_2"', 'via=":nowhere_0"', r"lacks or misstates .*nowhere"),
         ('version="1.20"', "", r"its <net> lacks or misstates 'version'"),

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from nets import LEAVING_WAYS, TWO_LANES, TWO_LANES_WAYS, along, converted, east, leaving, ways_of
 from plain_sumo import trips
-from runs import Capsys, files_of, refused_scenario
+from runs import Capsys, files_of, refused_scenario, replace_in
 from worlds import scene
 
 from drl_av.cli import main
@@ -216,9 +216,7 @@ def test_a_bend_up_to_the_exit_limits_the_lanes_that_go_straight_on(tmp_path: Pa
 
 def test_a_slow_off_ramp_does_not_limit_the_flow_that_goes_straight_on(tmp_path: Path) -> None:
     own = leaving(tmp_path)
-    text = own.read_text()
-    assert 'speed="32.00"' in text
-    own.write_text(text.replace('speed="32.00"', 'speed="5.00"'))
+    replace_in(own, 'speed="32.00"', 'speed="5.00"', -1)
     # on off, at 5 m/s: 3600 x 5 / (5 + 2.5 + 1.1 x 5) = 1384; the others drive at 20 m/s or more:
     # 3600 x 20 / (5 + 2.5 + 1.1 x 20) = 2440
     description = off(own, flow_per_h=2400.0)

@@ -23,11 +23,12 @@ from drl_av.scenarios.open_road import OpenDescription, OpenPlan
 from drl_av.scenarios.road_description import PlacedVehicle
 from drl_av.simulation.fleet import Fleet
 
+Written = Callable[[str], Path]
 OPEN_KINDS = ("straight", "merge", "exit", "ramp_to_ramp")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Written:
     """The folder of a kind of scenario as the command line writes it."""
     home = tmp_path_factory.mktemp("kinds")
 
@@ -39,9 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return written
 
 
-def test_merge_has_a_ramp_an_acceleration_lane_of_250_m_and_three_lanes(
-    folder: Callable[[str], Path],
-) -> None:
+def test_merge_has_a_ramp_an_acceleration_lane_of_250_m_and_three_lanes(folder: Written) -> None:
     layout = load_scenario(folder("merge")).layout
     assert layout.road.partial_lanes == (PartialLane(0, 395.0, 750.0, 500.0, 750.0),)
     assert layout.road.end_m == 1250.0
@@ -52,15 +51,13 @@ def test_merge_has_a_ramp_an_acceleration_lane_of_250_m_and_three_lanes(
     assert layout.routes["ramp"] == ("ramp", "beside", "after")
 
 
-def test_the_acceleration_lane_leads_nowhere_in_sumo(folder: Callable[[str], Path]) -> None:
+def test_the_acceleration_lane_leads_nowhere_in_sumo(folder: Written) -> None:
     ways = ways_of(folder("merge"))
     assert not [way for way in ways if way.startswith("beside 0 ")]
     assert ways > {"beside 1 after 0", "ramp 0 beside 0"}
 
 
-def test_exit_has_a_deceleration_lane_of_250_m_that_becomes_the_off_ramp(
-    folder: Callable[[str], Path],
-) -> None:
+def test_exit_has_a_deceleration_lane_of_250_m_that_becomes_the_off_ramp(folder: Written) -> None:
     layout = load_scenario(folder("exit")).layout
     road, start = layout.road, layout.start
     assert start is not None
@@ -74,16 +71,14 @@ def test_exit_has_a_deceleration_lane_of_250_m_that_becomes_the_off_ramp(
     assert layout.lane_positions["after_0"] == (1, 1300.0)
 
 
-def test_the_deceleration_lane_leads_to_the_off_ramp_only_in_sumo(
-    folder: Callable[[str], Path],
-) -> None:
+def test_the_deceleration_lane_leads_to_the_off_ramp_only_in_sumo(folder: Written) -> None:
     ways = ways_of(folder("exit"))
-    ends = [way for way in ways if way.startswith("exit 0 ") or "off_ramp" in way.split()[2]]
+    ends = [way for way in ways if way.startswith("exit 0 ") or way.split()[2] == "off_ramp"]
     assert ends == ["exit 0 off_ramp 0"]
     assert "exit 1 after 0" in ways
 
 
-def test_ramp_to_ramp_has_both_ramps_1000_m_apart(folder: Callable[[str], Path]) -> None:
+def test_ramp_to_ramp_has_both_ramps_1000_m_apart(folder: Written) -> None:
     layout = load_scenario(folder("ramp_to_ramp")).layout
     merge, leave = layout.road.partial_lanes
     assert merge == load_scenario(folder("merge")).layout.road.partial_lanes[0]
@@ -95,7 +90,7 @@ def test_ramp_to_ramp_has_both_ramps_1000_m_apart(folder: Callable[[str], Path])
 
 @pytest.mark.parametrize("kind", ["exit", "ramp_to_ramp"])
 def test_plain_sumo_s_ego_leaves_by_the_exit_and_no_other_vehicle_does(
-    kind: str, folder: Callable[[str], Path]
+    kind: str, folder: Written
 ) -> None:
     arrived = {trip["id"]: trip["arrivalLane"] for trip in trips(folder(kind), 300)}
     assert arrived.pop("ego") == "off_ramp_0"
@@ -103,7 +98,7 @@ def test_plain_sumo_s_ego_leaves_by_the_exit_and_no_other_vehicle_does(
 
 
 def test_straight_leads_the_ego_2_km_from_where_followers_in_range_are_on_the_road(
-    folder: Callable[[str], Path],
+    folder: Written,
 ) -> None:
     layout = load_scenario(folder("straight")).layout
     assert layout.start is not None
@@ -115,7 +110,7 @@ def test_straight_leads_the_ego_2_km_from_where_followers_in_range_are_on_the_ro
 
 @pytest.mark.parametrize("kind", OPEN_KINDS)
 def test_plain_sumo_opens_an_open_road_and_its_vehicles_drive_through(
-    kind: str, folder: Callable[[str], Path]
+    kind: str, folder: Written
 ) -> None:
     left = trips(folder(kind), 400)
     assert "ego" in {trip["id"] for trip in left}
@@ -151,7 +146,7 @@ def test_the_inflow_of_plain_sumo_drives_as_fast_as_the_environment_s_traffic(
 
 
 @pytest.mark.parametrize("kind", OPEN_KINDS)
-def test_the_command_writes_a_kind_as_it_ships(kind: str, folder: Callable[[str], Path]) -> None:
+def test_the_command_writes_a_kind_as_it_ships(kind: str, folder: Written) -> None:
     assert files_of(folder(kind)) == files_of(find_scenario(kind))
     assert (folder(kind) / "scenario.toml").read_text().startswith(f'kind = "{kind}"\n')
 
@@ -169,7 +164,7 @@ def test_the_command_writes_a_kind_as_it_ships(kind: str, folder: Callable[[str]
     ],
 )
 def test_a_network_that_is_not_the_described_road_is_refused(
-    old: str, new: str, reason: str, folder: Callable[[str], Path], tmp_path: Path
+    old: str, new: str, reason: str, folder: Written, tmp_path: Path
 ) -> None:
     write_scenario(tmp_path / "merge", load_scenario(folder("merge")).description)
     replace_in(tmp_path / "merge" / "highway.net.xml", old, new, count=-1)
