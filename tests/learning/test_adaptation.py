@@ -1,6 +1,5 @@
 """Continuous adaptation: a trained driver drives greedily and learns on, in a run of its own."""
 
-import csv
 import shutil
 import signal
 from pathlib import Path
@@ -16,6 +15,7 @@ from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import SHIPPED, load, load_policy
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError
+from drl_av.evaluation.table import read_rows
 from drl_av.learning.algorithm_1 import build_training
 from drl_av.learning.run_folder import open_training, warm_start
 
@@ -84,15 +84,13 @@ def tensors(folder: Path) -> dict[str, np.ndarray]:
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / "episodes.csv").open() as file:
-        return list(csv.DictReader(file))
+    return read_rows(folder / "episodes.csv")
 
 
 def test_it_is_a_run_like_any_other(adapted: Path, trained: Path) -> None:
     assert set(files_of(adapted)) == set(files_of(trained))
     assert len(rows(adapted)) == 5
-    with (adapted / "evaluations.csv").open() as file:
-        assert [row["episode"] for row in csv.DictReader(file)] == ["3", "5"]
+    assert [row["episode"] for row in read_rows(adapted / "evaluations.csv")] == ["3", "5"]
 
 
 def test_settings_are_the_runs_but_for_what_adaptation_is(adapted: Path, trained: Path) -> None:

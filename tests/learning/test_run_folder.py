@@ -66,6 +66,12 @@ def require_refused(folder: Path, message: str, capsys: Capsys, *options: str) -
     assert files_of(folder) == before
 
 
+def require_ended_like(left_alone: Path, folder: Path) -> None:
+    """Resumed, the training ends with the same bytes as one that was left alone."""
+    assert interrupted("", command(folder, "--resume")).returncode == 0
+    assert files_of(folder) == files_of(left_alone)
+
+
 @pytest.fixture(scope="module")
 def settings(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("settings") / "tiny.toml"
@@ -95,8 +101,7 @@ def test_run_killed_at_many_moments_ends_with_the_same_bytes(
         options = ["--resume"] if folder.exists() else ["--config", settings]
         ended = interrupted(prelude, command(folder, *options))
         assert ended.returncode == -signal.SIGKILL, (moment, ended.stderr)
-    assert interrupted("", command(folder, "--resume")).returncode == 0
-    assert files_of(folder) == files_of(left_alone)
+    require_ended_like(left_alone, folder)
 
 
 def test_run_on_a_road_from_openstreetmap_is_resumed_as_exactly(
@@ -110,8 +115,7 @@ def test_run_on_a_road_from_openstreetmap_is_resumed_as_exactly(
         options = ["--resume"] if folder.exists() else road
         ended = interrupted(MOMENTS[moment], command(folder, *options))
         assert ended.returncode == -signal.SIGKILL, ended.stderr
-    assert interrupted("", command(folder, "--resume")).returncode == 0
-    assert files_of(folder) == files_of(tmp_path / "left_alone")
+    require_ended_like(tmp_path / "left_alone", folder)
 
 
 def test_sumo_that_ends_on_its_own_is_reported_with_the_command_to_continue(
@@ -125,8 +129,7 @@ def test_sumo_that_ends_on_its_own_is_reported_with_the_command_to_continue(
     assert "SUMO ended on its own" in message
     again = f"drl-av train --out {folder} --resume."
     assert f"continues from its last checkpoint with: {again}" in message
-    assert interrupted("", command(folder, "--resume")).returncode == 0
-    assert files_of(folder) == files_of(left_alone)
+    require_ended_like(left_alone, folder)
 
 
 @pytest.mark.parametrize(("steps", "episodes"), [((50,), 3), ((45, 47), 2)])
@@ -141,8 +144,7 @@ def test_first_ctrl_c_stops_after_the_episode_and_the_second_at_once(
     assert "Traceback" not in ended.stderr
     assert len((folder / "episodes.csv").read_bytes().splitlines()) == 1 + episodes
     assert load(folder / "checkpoint.safetensors")[1]["episodes_done"] == episodes
-    assert interrupted("", command(folder, "--resume")).returncode == 0
-    assert files_of(folder) == files_of(left_alone)
+    require_ended_like(left_alone, folder)
 
 
 def test_resuming_a_finished_run_does_nothing(copy: Path) -> None:
@@ -197,8 +199,7 @@ def test_a_folder_that_takes_no_more_keeps_what_was_saved(
     assert (folder / "checkpoint.safetensors").read_bytes() == saved["checkpoint.safetensors"]
     assert load_policy(folder / "policy.safetensors")
     assert not list(folder.glob(".*unfinished*"))
-    assert interrupted("", command(folder, "--resume")).returncode == 0
-    assert files_of(folder) == files_of(left_alone)
+    require_ended_like(left_alone, folder)
 
 
 def test_row_that_finds_the_disk_full_is_reported_in_one_sentence(
@@ -356,8 +357,7 @@ def test_tensorboard_events_that_find_the_disk_full_are_one_sentence(
     ended = interrupted(FULL_DISK, command(folder, "--config", settings, "--tensorboard"))
     assert ended.returncode == 1
     assert "without --tensorboard" in one_sentence(ended.stderr)
-    assert interrupted("", command(folder, "--resume")).returncode == 0
-    assert files_of(folder) == files_of(left_alone)
+    require_ended_like(left_alone, folder)
 
 
 def test_a_run_without_an_episode_can_be_corrected(

@@ -257,12 +257,6 @@ def test_the_first_braking_of_an_episode_reverses_nothing() -> None:
         assert reward == pytest.approx(earned, abs=1e-6)
 
 
-def test_the_same_seed_gives_the_same_worlds() -> None:
-    one, again, other = (TwinWorlds(LARGE, seed).reset() for seed in (3, 3, 4))
-    assert one.tobytes() == again.tobytes()
-    assert one.tobytes() != other.tobytes()
-
-
 def test_a_full_disk_leaves_no_folder_of_a_training_at_scale(
     tmp_path: Path, full_disk: None
 ) -> None:

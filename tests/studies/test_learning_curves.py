@@ -367,6 +367,7 @@ def test_the_hits_of_a_short_last_block_are_those_of_its_episodes(tmp_path: Path
 
 
 EPISODES = list(range(100, 2100, 100))
+STEP = [-1.0] * 5 + [0.0] * 15
 
 
 def test_smoothing_is_centred_and_takes_what_there_is_at_the_ends() -> None:
@@ -376,8 +377,7 @@ def test_smoothing_is_centred_and_takes_what_there_is_at_the_ends() -> None:
 def test_converged_where_the_smoothed_curve_comes_within_a_tenth_of_the_way_and_stays() -> None:
     # -1 to 0: near is above -0.1. A step at the sixth value reaches the smoothed curve in steps of
     # 0.2 around it: -1, -1, -1, -0.8, -0.6, -0.4, -0.2, 0; the unsmoothed one would say 600.
-    values = [-1.0] * 5 + [0.0] * 15
-    assert converged_at(EPISODES, values) == 800
+    assert converged_at(EPISODES, STEP) == 800
 
 
 def test_a_curve_that_leaves_again_has_not_converged_before_it_comes_back() -> None:
@@ -387,9 +387,8 @@ def test_a_curve_that_leaves_again_has_not_converged_before_it_comes_back() -> N
 
 
 def test_one_outlier_in_a_seed_or_in_the_end_does_not_move_it() -> None:
-    values = [-1.0] * 5 + [0.0] * 15
-    assert converged_at(EPISODES, [*values[:12], -0.4, *values[13:]]) == 800
-    assert converged_at(EPISODES, [*values[:-1], -0.15]) == 800
+    assert converged_at(EPISODES, [*STEP[:12], -0.4, *STEP[13:]]) == 800
+    assert converged_at(EPISODES, [*STEP[:-1], -0.15]) == 800
 
 
 def test_a_curve_that_falls_converges_as_one_that_rises() -> None:
@@ -399,8 +398,7 @@ def test_a_curve_that_falls_converges_as_one_that_rises() -> None:
 
 def test_near_is_a_share_of_the_way_and_not_of_the_value() -> None:
     # the same shape on top of an offset: within 10 % of the end's value it would be everywhere
-    values = [-1.0] * 5 + [0.0] * 15
-    assert converged_at(EPISODES, [value - 100 for value in values]) == 800
+    assert converged_at(EPISODES, [value - 100 for value in STEP]) == 800
 
 
 def row(variant: str, seed: int, episode: int, reward: float, collisions: int) -> dict[str, str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from checks_of_study import with_check
-from runs import Capsys
+from runs import Capsys, files_of
 
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers
@@ -59,10 +59,6 @@ def mine(tmp_path: Path) -> FileStudy:
     return FileStudy(tmp_path / "mine.toml")
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-
-
 def test_each_variant_drives_its_drivers_in_the_order_that_the_file_gives(
     mine: FileStudy, short: Options
 ) -> None:
@@ -96,21 +92,21 @@ def test_what_was_interrupted_continues_and_ends_in_the_same_bytes(
     assert len(read_rows(short.out / "mine.csv")) == 5
     assert [step.total for step in make(mine, short)] == [7] * 7
     assert (short.out / "mine.csv").read_bytes() == (whole.out / "mine.csv").read_bytes()
-    before = files(short.out)
+    before = files_of(short.out)
     assert list(make(mine, short)) == []
     assert list(make(mine, short._replace(most_episodes=1))) == []  # fewer than there are
-    assert files(short.out) == before
+    assert files_of(short.out) == before
 
 
 def test_rows_of_other_settings_are_refused_and_nothing_changes(
     mine: FileStudy, short: Options, tmp_path: Path
 ) -> None:
     list(make(mine, short._replace(most_episodes=1)))
-    before = files(short.out)
+    before = files_of(short.out)
     (tmp_path / "short.toml").write_text("[simulation]\ndecisions_per_episode = 6\n")
     with pytest.raises(DrlAvError, match=r"mine\.csv was made with other.*mine\.json away"):
         list(make(mine, short))
-    assert files(short.out) == before
+    assert files_of(short.out) == before
 
 
 @pytest.mark.parametrize(
