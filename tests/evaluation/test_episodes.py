@@ -1,13 +1,10 @@
 """Drivers on the same seeded traffic, the intervals of their means, and several processes."""
 
-import csv
 import json
 import math
 import multiprocessing
 import os
 import signal
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,6 +14,7 @@ from typing import Any
 
 import pytest
 from drives import RESULT
+from programs import python
 from runs import SHORT, Capsys, run_folder
 
 from drl_av import cli
@@ -35,6 +33,7 @@ from drl_av.evaluation.statistics import (
     summarize,
     write_summaries,
 )
+from drl_av.evaluation.table import read_rows
 from drl_av.simulation.simulation import Simulation
 
 TINY = ["-o", "simulation.decisions_per_episode=10"]
@@ -133,9 +132,7 @@ sys.exit(cli.main(sys.argv[1:]))
 def test_rows_of_before_sumo_took_the_only_process_along_are_kept(tmp_path: Path) -> None:
     out = tmp_path / "rows.csv"
     words = ["evaluate", "idm", "--vehicles", "3", "--episodes", "9", *TINY, "--out", str(out)]
-    command = [sys.executable, "-c", ABORTED, *words]
-    ended = subprocess.run(command, capture_output=True, check=False, timeout=1200)
-    assert ended.returncode == -signal.SIGABRT
+    assert python("-c", ABORTED, *words).returncode == -signal.SIGABRT
     assert len(out.read_text().splitlines()) == 1 + 3
 
 
@@ -220,8 +217,7 @@ def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
     assert "3 episodes each" in printed.out
     assert cli.main(words) == 0
     assert driven == [0, 1, 2, 99, 3, 4, 5, 6, 7, 8]
-    with out.open(newline="") as file:
-        assert [row["seed"] for row in csv.DictReader(file)] == list("012345678")
+    assert [row["seed"] for row in read_rows(out)] == list("012345678")
     assert "by_vehicles" in json.loads(summary.read_text())
     assert "9 episodes each" in capsys.readouterr().out
     assert cli.main([*words, "--criticality"]) == 1

@@ -178,22 +178,16 @@ def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
         save_figure(figure, tmp_path / "figure.png")
 
 
-def test_episodes_of_one_driver_in_the_same_traffic_are_not_mixed_into_one_curve(
-    tmp_path: Path, capsys: Capsys
+def test_one_driver_in_the_same_traffic_twice_or_under_two_checks_is_not_one_curve(
+    here: Path, capsys: Capsys
 ) -> None:
-    write_rows(tmp_path / "first", episode("idm", 1, 20.0))
-    write_rows(tmp_path / "second", episode("idm", 2, 20.0), episode("idm", 1, 10.0))
-    tables, out = [str(tmp_path / name) for name in ("first", "second")], str(tmp_path)
-    assert main(["figures", tables[0], "--out", out]) == 0
-    assert main(["figures", *tables, "--out", out]) == 1
+    write_rows(here / "first", episode("idm", 1, 20.0))
+    write_rows(here / "again", episode("idm", 2, 20.0), episode("idm", 1, 10.0))
+    write_rows(here / "strict", episode("idm", 2, 20.0, safety_check="strict"))
+    assert main(["figures", "first", "--out", "."]) == 0
+    assert main(["figures", "first", "again", "--out", "."]) == 1
     assert "idm drove seed 1 among 5 vehicles twice" in error_message(capsys)
-
-
-def test_one_driver_under_two_checks_is_not_one_curve(tmp_path: Path, capsys: Capsys) -> None:
-    for seed, check in enumerate(("paper", "strict")):
-        write_rows(tmp_path / check, episode("idm", seed, 20.0, safety_check=check))
-    tables = [str(tmp_path / name) for name in ("paper", "strict")]
-    assert main(["figures", *tables, "--out", str(tmp_path)]) == 1
+    assert main(["figures", "first", "strict", "--out", "."]) == 1
     assert "rows of idm under the checks paper and strict" in error_message(capsys)
 
 

@@ -1,6 +1,5 @@
 """Trainings of one kind with several seeds, compared as one driver."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from drl_av.evaluation.figures import (
     styles_of,
 )
 from drl_av.evaluation.statistics import gains_over_fastest, overall, summarize
+from drl_av.evaluation.table import read_rows
 
 SPEEDS = {"ppo/seed-1": (20.0, 24.0), "ppo/seed-2": (26.0, 30.0), "ppo/seed-10": (30.0, 38.0)}
 """In two episodes; the means of the trainings are 22, 28 and 34 m/s."""
@@ -154,8 +154,7 @@ def test_the_table_of_an_evaluation_has_a_column_for_the_group(here: Path, capsy
         run_folder(Path(f"runs/seed-{seed}"), SHORT)
     words = ["evaluate", "mine=runs/*", "idm", "--vehicles", "0", "--episodes", "1"]
     assert main([*words, "--out", "rows.csv"]) == 0
-    with Path("rows.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(Path("rows.csv"))
     named = [("mine/seed-1", "mine"), ("mine/seed-2", "mine"), ("idm", "idm")]
     assert [(row["driver"], row["group"]) for row in rows] == named
     printed = capsys.readouterr().out

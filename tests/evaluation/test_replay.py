@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from drives import hash_of
 from PIL import Image
-from runs import Capsys
+from runs import Capsys, error_message
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -80,12 +80,10 @@ def test_other_actions_leave_the_recording(recording: Recording) -> None:
 def test_recording_that_is_longer_or_shorter_than_the_episode_is_noticed(
     recording: Recording,
 ) -> None:
-    shorter = SHORT.updated("simulation", decisions_per_episode=9)
-    with pytest.raises(RecordingError, match="differs from the recording at decision 9"):
-        replay_session(replace(recording, config=shorter)).drive(None)
-    longer = SHORT.updated("simulation", decisions_per_episode=13)
-    with pytest.raises(RecordingError, match="ends before the episode"):
-        replay_session(replace(recording, config=longer)).drive(None)
+    for decisions, said in ((9, "differs from the recording at decision 9"), (13, "ends before")):
+        config = SHORT.updated("simulation", decisions_per_episode=decisions)
+        with pytest.raises(RecordingError, match=said):
+            replay_session(replace(recording, config=config)).drive(None)
 
 
 def test_tampered_file_is_refused(recording: Recording, file: Path) -> None:
@@ -245,9 +243,7 @@ def test_a_recording_of_other_shapes_is_one_sentence(
 ) -> None:
     replace(recording, **changed).save(tmp_path / "odd.npz")  # with a right checksum
     assert main(["replay", str(tmp_path / "odd.npz"), "--html", str(tmp_path / "x.html")]) == 1
-    said = capsys.readouterr().err
-    assert why in said
-    assert said.count("\n") == 1
+    assert why in error_message(capsys)
 
 
 def test_a_recording_that_expands_without_end_is_refused_before(tmp_path: Path) -> None:

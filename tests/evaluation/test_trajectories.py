@@ -1,6 +1,5 @@
 """The trajectories of an episode: as a data frame, for SUMO's own tools, and as a figure."""
 
-import csv
 import math
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from runs import SHORT, Capsys, error_message
 import drl_av
 from drl_av.cli import main
 from drl_av.evaluation.recording import Recording, load_recording
+from drl_av.evaluation.table import read_rows
 from drl_av.evaluation.trajectories import time_space_figure, write_parquet
 
 THERE = [[[10.0, 3.8, 20.0, 0.0], [490.0, 0.0, 30.0, 0.0]],
@@ -81,8 +81,7 @@ def test_sumos_own_tool_reads_the_floating_car_data_and_they_are_the_recorded_ep
     assert "fcd.xml: recorded" in capsys.readouterr().out
     tool = Path(sumo.SUMO_HOME, "tools", "xml", "xml2csv.py")
     subprocess.run([sys.executable, tool, "fcd.xml", "-o", "fcd.csv", "-s", ","], check=True)
-    with Path("fcd.csv").open(newline="") as file:
-        rows = {(row["timestep_time"], row["vehicle_id"]): row for row in csv.DictReader(file)}
+    rows = {(row["timestep_time"], row["vehicle_id"]): row for row in read_rows(Path("fcd.csv"))}
     frame = drl_av.episode_frame("e.npz")
     assert len(rows) == 2 * (len(frame) - 5)  # two SUMO steps a decision; not the start
     for row in frame[frame.time_s > 0].itertuples():
@@ -111,8 +110,7 @@ def test_an_evaluation_keeps_its_episodes_or_its_failures_as_recordings(
     words += ["--traffic", "calm", "--vehicles", "20", "--episodes", "5", "-o", LONGER]
     words += ["--out", "rows.csv"]
     assert main([*words, "--record-failures", "failed", "--jobs", "2"]) == 0
-    with Path("rows.csv").open(newline="") as file:
-        rows = [*csv.DictReader(file)]
+    rows = read_rows(Path("rows.csv"))
     failed = [row for row in rows if row["collided"] == "True" or float(row["min_ttc_s"]) <= 1.5]
     assert {row["collided"] for row in failed} == {"True", "False"}  # hits and near misses
     assert len(failed) < len(rows)

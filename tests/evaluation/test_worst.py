@@ -1,18 +1,18 @@
 """The worst episodes of a table are driven again, exactly, and drawn on one sheet."""
 
-import csv
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 from PIL import Image
-from runs import Capsys, error_message, run_folder
+from runs import Capsys, error_message, replace_in, run_folder
 from stable_baselines3 import PPO
 
 from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.recording import load_recording
+from drl_av.evaluation.table import read_rows
 
 
 @pytest.fixture
@@ -31,8 +31,7 @@ def evaluate(*drivers: str) -> list[str]:
 
 
 def rows() -> list[dict[str, str]]:
-    with Path("rows.csv").open(newline="") as file:
-        return [*csv.DictReader(file)]
+    return read_rows(Path("rows.csv"))
 
 
 def test_the_worst_row_is_driven_again(table: list[dict[str, str]], capsys: Capsys) -> None:
@@ -110,9 +109,8 @@ def test_a_driver_that_changed_since_is_noticed_and_a_moved_one_is_named(
     assert main([*again, "--driver", "mine"]) == 1
     assert "mine is the table's name of a run, so name its folder" in error_message(capsys)
     assert main([*again, "--driver", "runs/mine"]) == 0
-    text = Path("rows.csv").read_text()
     reward = min(rows(), key=lambda row: float(row["mean_reward"]))["mean_reward"]
-    Path("rows.csv").write_text(text.replace(reward, "-0.9"))
+    replace_in(Path("rows.csv"), reward, "-0.9", -1)
     assert main([*again, "--driver", "runs/mine"]) == 1
     assert "differs from its row" in error_message(capsys)
 

@@ -11,6 +11,7 @@ import pytest
 
 from drl_av.config import Config, ObservationConfig
 from drl_av.env.highway import HighwayEnv
+from drl_av.road.road import FloatArray
 from drl_av.road.vehicle_types import VEHICLE
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.folder import find_scenario, load_scenario, write_scenario
@@ -85,15 +86,20 @@ def test_the_braking_term_of_sumos_idm_takes_the_accel_of_the_type_not_of_the_ve
     assert -idm_m_s2(1.5, 1.5) > -idm_m_s2(1.5, 10.0) + 1.0
 
 
+def in_one_lane(folder: Path, kind: str, vehicles: int) -> tuple[Fleet, FloatArray]:
+    """Vehicles that often ask for random changes of lanes, and their places: all at 3.8 m."""
+    write_scenario(folder / "road", ROAD_TYPES[kind]())
+    busy = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=1.0)
+    fleet = Fleet(load_scenario(folder / "road"), busy)
+    fleet.draw(1, vehicles)
+    return fleet, np.full(len(fleet.ids), 3.8)
+
+
 @pytest.mark.parametrize("kind", ["merge", "ramp_to_ramp"])
 def test_random_changes_of_lanes_never_lead_into_the_lane_of_a_ramp(
     kind: str, tmp_path: Path
 ) -> None:
-    write_scenario(tmp_path / "road", ROAD_TYPES[kind]())
-    busy = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=1.0)
-    fleet = Fleet(load_scenario(tmp_path / "road"), busy)
-    fleet.draw(1, 40)
-    y_m = np.full(len(fleet.ids), 3.8)  # all in the rightmost lane of the highway
+    fleet, y_m = in_one_lane(tmp_path, kind, 40)  # the rightmost lane of the highway
     sides = {side for _ in range(50) for _, side in fleet.lane_changes(0.0, y_m.tolist())}
     assert sides == {1}
 
@@ -101,11 +107,7 @@ def test_random_changes_of_lanes_never_lead_into_the_lane_of_a_ramp(
 @pytest.mark.parametrize("kind", ["loop", "straight"])
 def test_only_who_keeps_its_lane_changes_lanes_at_random(kind: str, tmp_path: Path) -> None:
     # SUMO would let a vehicle between two lanes go on into the next one, in front of others
-    write_scenario(tmp_path / "road", ROAD_TYPES[kind]())
-    busy = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=1.0)
-    fleet = Fleet(load_scenario(tmp_path / "road"), busy)
-    fleet.draw(1, 20)
-    y_m = np.full(len(fleet.ids), 3.8)
+    fleet, y_m = in_one_lane(tmp_path, kind, 20)
     y_m[1::2] += 0.38  # half a second of a lane change
     rows = {row for _ in range(50) for row, _ in fleet.lane_changes(0.0, y_m.tolist())}
     assert rows == set(range(2, len(fleet.ids), 2))
