@@ -80,7 +80,8 @@ def test_other_actions_leave_the_recording(recording: Recording) -> None:
 def test_recording_that_is_longer_or_shorter_than_the_episode_is_noticed(
     recording: Recording,
 ) -> None:
-    for decisions, said in ((9, "differs from the recording at decision 9"), (13, "ends before")):
+    told = {9: "differs from the recording at decision 9", 13: "ends before the episode"}
+    for decisions, said in told.items():
         config = SHORT.updated("simulation", decisions_per_episode=decisions)
         with pytest.raises(RecordingError, match=said):
             replay_session(replace(recording, config=config)).drive(None)

@@ -286,14 +286,19 @@ def test_a_copy_from_an_open_road_in_sumo_foresees_nearly_all_speeds_a_second_ah
     assert missed_m_s.mean() < 0.03
 
 
+def shapes(worlds: TwinVectorEnv) -> tuple[Any, Any]:
+    return worlds.observation_space.shape, worlds.action_space.shape
+
+
 def test_copies_of_copies_and_an_end_that_stays() -> None:
     worlds = TwinVectorEnv(3, safety_check="permit_all")
     worlds.reset(seed=1_000_000, options={"vehicles": 25})
+    assert shapes(worlds) == ((3, 27), (3,))  # before the copies have spaces of their own
     five = worlds.fork(5, world=1)
+    assert shapes(five) == ((5, 27), (5,))
     copies = five.fork(2, seed=9, world=4)
-    for some, number in ((worlds, 3), (five, 5), (copies, 2)):
-        assert some.num_envs == number
-        assert (some.observation_space.shape, some.action_space.shape) == ((number, 27), (number,))
+    assert [*map(shapes, (copies, worlds))] == [((2, 27), (2,)), ((3, 27), (3,))]
+    assert copies.num_envs == 2
     assert copies.scene(0).snapshot.s_m.tolist() == worlds.scene(1).snapshot.s_m.tolist()
     for _ in range(60):  # full speed to the right until both have hit something
         observation, _, terminated, *_ = copies.step(np.array([9, 9]))
