@@ -93,7 +93,8 @@ FEW = 10
 WITHIN = 0.05, 0.95
 """The quantiles of more trainings than that, which are drawn as the ends of a band."""
 EARLY, EXPLORED, LEARNED = (300, 600), 5000, 1000
-"""The episodes between, until and after which the collisions in both worlds are told."""
+"""``collisions_table`` counts the greedy driver's collisions between the first two episodes, the
+exploring one's up to the third, and again the greedy driver's after the fourth."""
 FIGURES = {
     "learning_check": (("paper", "permit_all"), CHECKED),
     "learning_mixed": (WORLDS, COMPARED),

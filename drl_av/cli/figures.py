@@ -91,7 +91,7 @@ def figures(options: argparse.Namespace) -> int:
     figures = dict[str, Any]()
     if tables:
         rows = [row for table in tables for row in read_results(table)]
-        _require_one_traffic(tables)
+        _require_like_episodes(tables)
         require_distinct(rows)
         title = title_of((row.compared_as, row.safety_check) for row in rows)
         figures |= {"mean_speed": speed_figure(rows), "speed_profile": profile_figure(rows)}
@@ -164,7 +164,7 @@ def _gains(rows: "Sequence[EpisodeResult]") -> "Sequence[PairedGain]":
         return []
 
 
-def _require_one_traffic(tables: Sequence[Path]) -> None:
+def _require_like_episodes(tables: Sequence[Path]) -> None:
     """Raise ConfigError if tables say that their episodes are not alike: traffic, ego, reward."""
     from drl_av.evaluation.provenance import read_provenance
     from drl_av.evaluation.table import report_corrupt_table

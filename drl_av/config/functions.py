@@ -60,9 +60,8 @@ def source_digest(word: str) -> str:
     files = [Path(found.origin)] if found.has_location and found.origin else []
     if folders is not None:
         files = sorted(file for folder in folders for file in Path(folder).rglob("*.py"))
-    return (
-        hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest() if files else ""
-    )
+    content = b"".join(file.read_bytes() for file in files)
+    return hashlib.sha256(content).hexdigest() if files else ""
 
 
 def require_function(function: Any, what: str, *arguments: str) -> None:

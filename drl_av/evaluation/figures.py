@@ -315,18 +315,18 @@ def curves_by_density(
     points of two drivers at the same number are ``apart``, in usual distances between two numbers.
     """
     curves = dict[str, Any]()
-    steps = np.diff(sorted({number for own in means.values() for number, _ in own}))
-    usual = float(np.median(steps)) if len(steps) else 1.0
+    numbers = sorted({number for own in means.values() for number, _ in own})
+    usual = float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
     names = [driver.partition(", ")[0] for driver in means]
     styles, lines = styles_of(names), lines_of(names)
     for place, (driver, own) in enumerate(means.items()):
         name, _, check = driver.partition(", ")
         color, mark = styles[name]
         if driver in banded:
-            style = {"color": color, "marker": mark, "markersize": 4, "label": driver}
-            style |= {"linestyle": lines[name]}
-            numbers, values = zip(*own, strict=True)
-            curves[driver] = banded_curve(axes, numbers, values, (lowest, math.inf), **style)
+            style = {"color": color, "marker": mark, "linestyle": lines[name], "label": driver}
+            x, values = zip(*own, strict=True)
+            bounds = lowest, math.inf
+            curves[driver] = banded_curve(axes, x, values, bounds, markersize=4, **style)
             continue
         aside = apart * usual * (place - (len(means) - 1) / 2)
         curves[driver] = axes.errorbar(
@@ -342,7 +342,7 @@ def curves_by_density(
             capsize=2,
         )
         curves[driver].set_label(driver)
-    if not len(steps) and means:
-        axes.set_xticks([number for own in means.values() for number, _ in own][:1])
-        axes.set_xlim(axes.get_xticks()[0] - 1, axes.get_xticks()[0] + 1)
+    if len(numbers) == 1:
+        axes.set_xticks(numbers)
+        axes.set_xlim(numbers[0] - 1, numbers[0] + 1)
     return curves
