@@ -5,10 +5,12 @@ replay instead of two buffers (Fig. 7), each in the traffic ``calm`` and in that
 latter are trained in the twin, the first two also in SUMO.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -175,8 +177,7 @@ class Curve(NamedTuple):
     @property
     def ends(self) -> FloatArray:
         """The final performance of each seed: the mean over the last tenth of the evaluations."""
-        ends: FloatArray = self.values[:, -_end_of(len(self.episodes)) :].mean(axis=1)
-        return ends
+        return np.asarray(self.values[:, -_end_of(len(self.episodes)) :].mean(axis=1))
 
     @property
     def end(self) -> Mean:
@@ -190,8 +191,7 @@ def curve(rows: Iterable[Row], variant: str, column: str) -> Curve:
     for row in rows:
         if row["variant"] == variant:
             seeds.setdefault(row["seed"], {})[int(row["episode"])] = _value(row, column)
-    shared = set.intersection(*map(set, seeds.values())) if seeds else set()
-    episodes = sorted(shared)
+    episodes = sorted(set.intersection(*map(set, seeds.values())) if seeds else ())
     return Curve(episodes, np.array([[seed[e] for e in episodes] for seed in seeds.values()]))
 
 
@@ -211,8 +211,7 @@ def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
     end if the difference is at most 10 % of |first smoothed value - end|. The values in the last
     tenth always count as near, because they define the end.
     """
-    smooth = smoothed(values)
-    count = _end_of(len(values))
+    smooth, count = smoothed(values), _end_of(len(values))
     end = float(np.mean(values[-count:]))
     away = np.abs(smooth - end) > NEAR * abs(end - smooth[0])
     strays = np.flatnonzero(away[: len(values) - count])
@@ -257,12 +256,11 @@ def last_episodes(rows: Iterable[Row]) -> dict[str, int]:
 
 def _summary(rows: Sequence[Row], variant: str) -> Row:
     reward = curve(rows, variant, "mean_reward")
-    means = [mean.value for mean in reward.means]
     summary = {
         "variant": variant,
         "seeds": str(len(reward.values)),
         "episodes": str(reward.episodes[-1]),
-        "converged_at": str(converged_at(reward.episodes, means)),
+        "converged_at": str(converged_at(reward.episodes, [m.value for m in reward.means])),
     }
     for name, column in SUMMARIZED.items():
         end = curve(rows, variant, column).end
@@ -328,38 +326,49 @@ def worlds_table(folder: Path) -> str:
     """Return the Markdown table of how the trainings in SUMO lie among those in the twin.
 
     It gives the share of SUMO's evaluations that lie within the quantiles ``WITHIN`` of the twin's
-    n trainings at the same episode, and the share that is expected if both worlds are alike.
+    trainings at the same episode, and the share of the twin's own within those of the others there.
     """
     rows, lines = ResultsFolder(folder).rows("curves.csv"), []
     for variants in (WORLDS[:2], WORLDS[2:]):
         for column in COMPARED:
             twin, sumo = (curve(rows, variant, column) for variant in variants)
             shared = min(len(twin.episodes), len(sumo.episodes))
-            low, high = np.quantile(twin.values[:, :shared], WITHIN, axis=0)
-            within = (low <= sumo.values[:, :shared]) & (sumo.values[:, :shared] <= high)
-            ends, n = [f"{one.end:.3f}" for one in (sumo, twin)], len(twin.values)
-            shares = within.mean(), (WITHIN[1] - WITHIN[0]) * (n - 1) / (n + 1)
+            ours, theirs = (one.values[:, :shared] for one in (sumo, twin))
+            others = [np.delete(theirs, seed, 0) for seed in range(len(theirs))]
+            shares = _share_within(ours, theirs), fmean(map(_share_within, theirs, others))
+            ends = [f"{one.end:.3f}" for one in (sumo, twin)]
             percent = (f"{100 * share:.0f}" for share in shares)
             lines.append([f"`{variants[1]}`", PANELS[column], *ends, *percent])
     heads = "in SUMO, at the end", "in the twin", "within the twin's, %", "expected, %"
     return markdown_table(["training", "column", *heads], lines)
 
 
+def _share_within(values: FloatArray, others: FloatArray) -> float:
+    """Return the share of evaluations, the last axis, within the quantiles of other trainings.
+
+    It is NaN if there are none.
+    """
+    if len(others) == 0:
+        return math.nan
+    low, high = np.quantile(others, WITHIN, axis=0)
+    return float(((low <= values) & (values <= high)).mean())
+
+
 def collisions_table(folder: Path) -> str:
     """Return the Markdown table of when the trainings in the paper's traffic collide.
 
-    The shares of episodes are means over the trainings: the least one while they explore, and the
-    least and the greatest of the greedy drivers.
+    The shares of episodes are means over the trainings: that of all episodes while they explore,
+    and the least and the greatest of an evaluation of the greedy drivers.
     """
     rows, lines = ResultsFolder(folder).rows("curves.csv"), []
     for variant in WORLDS:
         exploring, greedy = (curve(rows, variant, column) for column in COMPARED[1:])
         at, shares = np.array(greedy.episodes), 100 * greedy.values.mean(axis=0)
         early = shares[(EARLY[0] <= at) & (at <= EARLY[1])]
-        least = 100 * exploring.values.mean(axis=0)[at <= EXPLORED].min()
+        mean = 100 * exploring.values[:, at <= EXPLORED].mean()
         last = np.where(greedy.values > 0, at, 0).max(axis=1)
         free = f"{np.sum(last <= LEARNED)} of {len(last)}"
-        shown = f"{least:.0f}", f"{early.min():.0f} to {early.max():.0f}", free, str(last.max())
+        shown = f"{mean:.1f}", f"{early.min():.0f} to {early.max():.0f}", free, str(last.max())
         lines.append([f"`{variant}`", *shown])
     heads = f"exploring, to {EXPLORED}, %", f"greedy, {EARLY[0]} to {EARLY[1]}, %"
     return markdown_table(["training", *heads, f"none after {LEARNED}", "none at all after"], lines)

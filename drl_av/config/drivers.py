@@ -28,9 +28,9 @@ class MobilConfig(Section):
         Table 1)
     safe_braking_m_s2: b_safe, hardest braking that a lane change may require of the new follower
         (Kesting 2007, Table 1)
-    headway_s: T, time gap of the IDM; the mean headway of the traffic (ours)
+    headway_s: T, time gap of the IDM; the mean headway of traffic calm (ours)
     standstill_gap_m: s_0, gap at standstill; SUMO's minGap (ours)
-    acceleration_m_s2: a, acceleration of the IDM; the mean acceleration of the traffic (ours)
+    acceleration_m_s2: a, acceleration of the IDM; the mean acceleration of traffic calm (ours)
     comfortable_braking_m_s2: b, comfortable braking (Kesting 2007, Table 1)
     """
 
