@@ -1,8 +1,12 @@
 """The random streams of an episode: each purpose has its own, so none changes the others (ours)."""
 
+from collections.abc import Sequence
 from enum import IntEnum
+from typing import TypeVar
 
 import numpy as np
+
+Kind = TypeVar("Kind")
 
 
 class Stream(IntEnum):
@@ -18,9 +22,11 @@ class Stream(IntEnum):
     PLANS = 8
 
 
-def kind_of_traffic(seed: int, kinds: int) -> int:
-    """Draw which of ``kinds`` kinds of traffic the episode with this traffic seed has."""
-    return int(generator(seed, Stream.KIND_OF_TRAFFIC).integers(kinds)) if kinds > 1 else 0
+def kind_of_traffic(seed: int, kinds: Sequence[Kind]) -> Kind:
+    """Draw the one of some kinds of traffic that the episode with this traffic seed has."""
+    if len(kinds) == 1:
+        return kinds[0]
+    return kinds[int(generator(seed, Stream.KIND_OF_TRAFFIC).integers(len(kinds)))]
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

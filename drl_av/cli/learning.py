@@ -68,7 +68,7 @@ def add_adapt_options(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="step size of Adam; 0 drives without learning (default: 1e-05)",
     )
-    add_number(parser, "--seed", 0, "random seed (default: the RUN's)", shown="S")
+    add_number(parser, "--seed", 0, "random seed (default: the RUN's, plus 1)", shown="S")
     add_env_options(parser, "the RUN's", zips=False)
     add_flag(parser, "--resume", "continue RUN2 where it was stopped, without RUN")
     add_flag(parser, "--tensorboard", "also write TensorBoard events into RUN2")
@@ -84,7 +84,7 @@ def train(options: argparse.Namespace) -> int:
     if options.seeds:
         jobs = _seed_jobs(options)
         command = ["drl-av", *(word for word in options.words if word != "--resume")]
-        return train_seeds(jobs, options.jobs, shlex.join(command))
+        return train_seeds(jobs, options.jobs, shlex.join(command), _checks(options))
     if options.jobs > 1:
         raise ConfigError(f"--jobs {options.jobs} needs --seeds: one training uses one process.")
     config = _training_config(options, Run(options.out))
@@ -256,7 +256,11 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
         return _unchanged(
             run, stored, with_command_line(stored, options).updated("learning", **given)
         )
-    base = adaptation(default_config([spec]))
+    assert spec.trained_with is not None
+    own, base = spec.trained_with.traffic, adaptation(default_config([spec]))
+    most = {"vehicles_min": own.vehicles_min, "vehicles_max": own.vehicles_max}
+    next_seed = (base.learning.seed + 1) % 2**32  # otherwise it meets the RUN's traffic again
+    base = base.updated("traffic", **most).updated("learning", seed=next_seed)
     config = with_command_line(base, options).updated("learning", **given)
     make_drivers([spec], config)
     return config
@@ -301,8 +305,7 @@ def _run(
         return INTERRUPTED
     episodes = training.config.learning.episodes
     print(f"{run.folder}: {pluralize(episodes, 'episode')}; compare it with the driver {rival}:")
-    check = [word for word in _parts(options) if word.startswith("--safety-check=")]
-    print(shlex.join(["drl-av", "evaluate", _driver_in(run.folder), rival, *check]))
+    print(shlex.join(["drl-av", "evaluate", _driver_in(run.folder), rival, *_checks(options)]))
     return 0
 
 
@@ -318,6 +321,11 @@ def _parts(options: argparse.Namespace) -> list[str]:
     """Return the options of the command line that name the user's own parts, as words."""
     words = custom_parts(options).words()
     return [f"--{name.replace('_', '-')}={word}" for name, word in words.items()]
+
+
+def _checks(options: argparse.Namespace) -> list[str]:
+    """Return the option that names the user's own safety check, if there is one."""
+    return [word for word in _parts(options) if word.startswith("--safety-check=")]
 
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:

@@ -82,11 +82,14 @@ def train_seed(job: SeedJob) -> None:
         train_to_end(job.folder, job.config, job.custom, resume=begun, tensorboard=job.tensorboard)
 
 
-def train_seeds(jobs: Sequence[SeedJob], processes: int, command: str) -> int:
+def train_seeds(
+    jobs: Sequence[SeedJob], processes: int, command: str, checks: Sequence[str]
+) -> int:
     """Train all jobs in so many processes, with a progress bar; return the exit status.
 
     Each run has the same bytes as one that ``drl-av train --seed`` makes alone. ``command`` is the
     command line without ``--resume``; with it, where a run has begun, it continues after a stop.
+    ``checks`` are the options with which ``evaluate`` has their safety check.
     """
     from drl_av.cli.console import progress_bar
     from drl_av.evaluation.engines import ENGINES
@@ -116,7 +119,7 @@ def train_seeds(jobs: Sequence[SeedJob], processes: int, command: str) -> int:
         ) from error
     folder = jobs[0].folder.parent
     print(f"{folder}: {pluralize(len(jobs), 'training')}; compare them with a rule-based driver:")
-    print(shlex.join(["drl-av", "evaluate", group_of(folder), "gap-mobil"]))
+    print(shlex.join(["drl-av", "evaluate", group_of(folder), "gap-mobil", *checks]))
     return 0
 
 

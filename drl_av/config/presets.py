@@ -137,8 +137,8 @@ def adaptation(config: Config) -> Config:
 
     - After each decision there is one gradient step.
     - A minibatch has as many transitions as in the preset ``paper``.
-    - Learning starts after 64 collision transitions, because a minibatch would otherwise contain
-      the same few several times.
+    - Learning starts after 64 collision transitions, or as many as Buf_C can hold, because a
+      minibatch would otherwise contain the same few several times.
     - The importance exponent of prioritized replay is always 1.
     """
     return config.updated(
@@ -151,7 +151,7 @@ def adaptation(config: Config) -> Config:
         gradient_steps=1,
         batch_size=PRESETS["paper"].learning.batch_size,
         importance_exponent_start=1.0,
-        collisions_to_start=64,
+        collisions_to_start=min(64, config.learning.collision_capacity),
         evaluate_every=1_000,
         checkpoint_every=200,
     )

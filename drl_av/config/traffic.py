@@ -184,7 +184,6 @@ TRAFFIC_PRESETS: dict[str, dict[str, Any]] = {
         "speed_gain_max": 0.6,
         "random_lane_changes_per_s": 0.0,  # every lane change is for speed
         "overtake_right": True,  # usual on US highways, where the other values were measured
-        "keep_stopping_distance": True,  # ours
         "truck_share": 0.1,  # 10 to 20 % of the vehicles on highways
         # ours: about 60 mph, a limit for trucks in the United States
         "truck_speed_min_m_s": 25.0,
@@ -202,7 +201,6 @@ TRAFFIC_PRESETS: dict[str, dict[str, Any]] = {
         "crawling_share": 0.02,
         "fast_share": 0.1,
         "hard_braking_share": 0.15,
-        "keep_stopping_distance": True,
         "random_lane_changes_per_s": 0.01,  # five times that of calm, to both sides
     },
 }
@@ -216,7 +214,7 @@ def traffic_preset(name: object, traffic: TrafficConfig) -> TrafficConfig:
     """Return the settings of the kind of traffic ``name``.
 
     ``vehicles_min`` and ``vehicles_max`` are those of ``traffic``, and so is
-    ``keep_stopping_distance`` if ``traffic`` has presets and the kind does not set it.
+    ``keep_stopping_distance`` if ``traffic`` has presets.
 
     Raises:
         ConfigError: there is no such kind; the message suggests the nearest name.

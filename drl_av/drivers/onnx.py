@@ -149,12 +149,14 @@ def export_actor(path: Path, layers: Layers, config: Config) -> None:
         mask = Cast<to = 1>(action_mask)
         seen = Concat<axis = 1>(observation, mask)
         {_network(layers, "seen", "logits")}
-        refused = Sub(logits, far)
-        ranked = Where(action_mask, logits, refused)
+        permitted = Where(action_mask, logits, least)
+        some = ReduceMax<axes = [1], keepdims = 1>(mask)
+        any = Cast<to = 9>(some)
+        ranked = Where(any, permitted, logits)
         action = ArgMax<axis = 1, keepdims = 0>(ranked)"""
-    far = np.array(2048.0, np.float32)  # larger than any difference of logits
+    least = np.array(np.finfo(np.float32).min)
     held = {"config": config.to_toml(), "observation": json.dumps(WIDE_NAMES)}
-    _write(path, nodes, _weights(layers) | {"far": far}, ACTOR_INPUTS, ACTOR_OUTPUTS, held)
+    _write(path, nodes, _weights(layers) | {"least": least}, ACTOR_INPUTS, ACTOR_OUTPUTS, held)
 
 
 def _weights(layers: Layers) -> dict[str, npt.NDArray[Any]]:

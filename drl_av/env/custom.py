@@ -79,9 +79,10 @@ def with_check(
 
     The argument is a name, the user's own check, which is then the second result, or None.
     """
-    if not isinstance(given, str):
-        return config, given
-    return config.updated("safety", check=given), given if is_factory(given) else None
+    if given is None:
+        return config, None
+    is_named = isinstance(given, str) and not is_factory(given)
+    return config.updated("safety", check=_word(given)), None if is_named else given
 
 
 def custom_check(given: str | SafetyCheck, config: Config) -> SafetyCheck:

@@ -250,9 +250,7 @@ def drawn_traffic(
     ``before`` is the simulation of the previous episode. If the episode has another simulation,
     ``before`` is closed, and the new one calls the same ``after_step``.
     """
-    if len(setups) == 1:
-        return setups[0]
-    drawn = setups[kind_of_traffic(seed, len(setups))]
+    drawn = kind_of_traffic(seed, setups)
     if drawn.simulation is not before:
         before.close()
         drawn.simulation.after_step = before.after_step

@@ -81,8 +81,7 @@ def copy_episode(
         for ours, its in zip(world, simulation.world, strict=True):
             ours[..., : its.shape[-1]] = its
     else:
-        kinds = twin.config.per_traffic_preset
-        where = simulation.scenario, kinds[kind_of_traffic(seed, len(kinds))]
+        where = simulation.scenario, kind_of_traffic(seed, twin.config.per_traffic_preset)
         seen = shot, requests_of(simulation, shot.time_s), simulation.speeds_chosen()
         population = fleet.population
         if not twin.road.is_loop:

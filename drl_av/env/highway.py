@@ -36,11 +36,13 @@ from drl_av.env.scene_values import SceneValues
 from drl_av.env.transition import Observation, RewardFunction, Transition, custom_reward
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
+from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety import ActionMask, action_mask, mask_of, named_check
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, Verdicts, apply_check, whole_verdicts
 from drl_av.safety.strict import Strict
 from drl_av.scenarios.folder import find_scenario, load_scenario
+from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.vehicle_calls import EgoModel
 
 
@@ -99,9 +101,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             kind = type(own_check).__name__
             named = isinstance(own_check, str)
             self._check_name = str(own_check if named else getattr(own_check, "__name__", kind))
-        else:  # equal for each, but each may break an assumption
-            presets = config.per_traffic_preset
-            self.safety_check, *_ = (named_check(each, types, self.road) for each in presets)
+        else:
+            self.safety_check = named_check(config, types, self.road)
             self._check_name = config.safety.check
         gui = render_mode == "human"
         self._setups = traffic_setups(config, loaded, gui, sumo_options)
@@ -140,6 +141,10 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
     def check_name(self) -> str:
         """Name of the safety check; ``none`` while SUMO drives the ego, as none applies then."""
         return self._check_name if self.ego_model is None else "none"
+
+    def fleet_of(self, seed: int) -> Fleet:
+        """Return the vehicles of the kind of traffic of an episode, by its traffic seed."""
+        return kind_of_traffic(seed, self._setups).simulation.fleet
 
     def require_room(self, vehicles: int | None = None) -> None:
         """Raise an error unless the vehicles fit on the road; do not call it within an episode.

@@ -89,7 +89,7 @@ class PlannerDriver(Driver):
 
     def start(self, seed: int) -> None:
         """Forget all vehicles; ``seed`` draws the kind of traffic, and the futures to be tried."""
-        self._kind, self._twin = self._kinds[kind_of_traffic(seed, len(self._kinds))]
+        self._kind, self._twin = kind_of_traffic(seed, self._kinds)
         self._rng = generator(seed, Stream.PLANS)
         self._beliefs = Beliefs(self._rng, self._scenario, self._kind)
         self._speeds: dict[str, float] = {}

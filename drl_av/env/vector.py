@@ -279,7 +279,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             fork._take_traffic(self, world, None if include_rng else seed)
         elif not include_rng:
             kinds, timing = self.config.per_traffic_preset, self.config.simulation
-            kind = kinds[kind_of_traffic(int(self.seeds[world]), len(kinds))]
+            kind = kind_of_traffic(int(self.seeds[world]), kinds)
             models = self.worlds.z[world, MODEL, : self.vehicles[world] + 1]
             left = models, kind, decisions, timing.decisions_per_episode - decisions
             for row in range(n):
@@ -364,7 +364,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         if generator is None or seed is not None:
             generator, _ = seeding.np_random(seed)
         seed = traffic_seed(seed, options, generator)
-        vehicles = number_of_vehicles(options, seed, self.usual or self._fleets[0])
+        vehicles = number_of_vehicles(options, seed, self.fleet_of(seed))
         return Begun(generator, seed, *self._draw(seed, vehicles))
 
     def _info(self) -> dict[str, Any]:

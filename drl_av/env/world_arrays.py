@@ -59,8 +59,6 @@ class WorldArrays:
         self._scenario = load_scenario(find_scenario(config.simulation.scenario))
         self.road = self._scenario.road
         self.task = task_of(self._scenario, config)
-        self.usual = None if self.road.is_loop else Fleet(self._scenario, config)
-        """What says how many vehicles an open road usually has."""
         self._fleets = [Fleet(self._scenario, kind) for kind in config.per_traffic_preset]
 
     def _make_worlds(self, count: int, threads: int) -> None:
@@ -110,12 +108,16 @@ class WorldArrays:
             return self.fleets[row].ids
         return EGO_ID, *(f"vehicle{number}" for number in range(1, self.worlds.near[row, COUNT]))
 
+    def fleet_of(self, seed: int) -> Fleet:
+        """Return the vehicles of the kind of traffic of an episode, by its traffic seed."""
+        return kind_of_traffic(seed, self._fleets)
+
     def _draw(self, seed: int, vehicles: int) -> tuple[Fleet, IntArray]:
         """Draw the fleet and the events of an episode, as ``Begun`` has them.
 
         Raises ScenarioError if the vehicles do not fit on the road.
         """
-        fleet = copy(self._fleets[kind_of_traffic(seed, len(self._fleets))])
+        fleet = copy(self.fleet_of(seed))
         fleet.draw(seed, vehicles)
         if not self.road.is_loop:
             return fleet, NO_EVENTS

@@ -12,7 +12,7 @@ from drl_av.config import Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import require_driver
-from drl_av.drivers.registry import DriverSpec, driving_config, find_drivers
+from drl_av.drivers.registry import DriverSpec, driver_names, driving_config, find_drivers
 from drl_av.env.custom import CustomParts, with_check
 from drl_av.env.episode_start import require_numbers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
@@ -182,6 +182,8 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
     for name, driver in own.items():
         if not isinstance(name, str) or not name:
             raise ConfigError(f"own names a driver {name!r}, but a name must be a text.")
+        if name in driver_names():
+            raise ConfigError(f"own names a driver {name!r}, as one of ours: choose another name.")
         require_driver(driver, f"The driver {name!r} in own", name)
         if name in [spec.name for spec in specs]:
             raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")

@@ -108,15 +108,16 @@ class ExploringDriver(Driver):
 def store(decision: Transition, buffer: Buffer, r_col: float) -> None:
     """Store a decision as experience: Algorithm 1 of the paper, lines 6 and 8 to 12.
 
-    Buf_C receives each proposal that the check replaced and each executed action that led to a
-    collision, both as terminal transitions with reward ``r_col``. Buf_S receives all other executed
-    actions. A missed exit counts as a collision (ours).
+    Buf_C receives each proposal that the check replaced, with reward ``r_col``, and each executed
+    action that led to a collision, with the decision's, both as terminal transitions. Buf_S
+    receives all other executed actions. A missed exit counts as a replaced proposal (ours).
     """
     s_t, executed = decision.observation, decision.executed.number
     if decision.triggered:
         buffer.add_collision(s_t, decision.proposed.number, r_col)  # line 6
     if decision.failed:
-        buffer.add_collision(s_t, executed, r_col)  # line 9
+        reward = decision.reward if decision.terminated else r_col
+        buffer.add_collision(s_t, executed, reward)  # line 9
     else:
         buffer.add_safe(s_t, executed, decision.reward, decision.next_observation)  # line 11
 
@@ -185,7 +186,7 @@ class Training:
         self._buffer.anneal(self.episodes_done / self._config.episodes)
         seed, vehicles = traffic_seed(None, {}, self._rng), 0
         gradient_steps, losses = self._gradient_steps, list[float]()
-        for decision in rollout(self._env, self._explorer, seed, self._draw_vehicles()):
+        for decision in rollout(self._env, self._explorer, seed, self._draw_vehicles(seed)):
             if not metrics.decisions:
                 vehicles = len(decision.scene.snapshot.ids) - 1
             store(decision, self._buffer, self.config.reward.collision_reward)
@@ -208,9 +209,9 @@ class Training:
             mean_loss=float(np.mean(losses)) if losses else 0.0,
         )
 
-    def _draw_vehicles(self) -> int | None:
+    def _draw_vehicles(self, seed: int) -> int | None:
         """Draw the number of other vehicles at the start of an episode; None: its seed decides."""
-        most = self._env.simulation.fleet.most_in_training
+        most = self._env.fleet_of(seed).most_in_training
         return None if most is None else int(self._rng.integers(most + 1))
 
     @property
@@ -232,18 +233,11 @@ class Training:
         """Drive the evaluation episodes with the greedy driver, and return their row.
 
         The traffic is the same in each evaluation. The numbers of vehicles are evenly spaced from
-        the smallest to the largest number in the training.
+        the smallest to the largest number in a training among this kind of traffic.
         """
-        traffic, fleet = self.config.traffic, self._env.simulation.fleet
-        most = fleet.most_in_training
-        ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)
-        if (placed := fleet.placed) is not None:
-            ends = placed, placed
-        episodes = self._config.evaluation_episodes
-        numbers = np.linspace(*ends, episodes) if episodes > 1 else np.mean([ends], axis=1)
         results = [
-            drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, int(vehicles))
-            for i, vehicles in enumerate(numbers.round())
+            drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, self._vehicles_of(i))
+            for i in range(self._config.evaluation_episodes)
         ]
 
         def mean(name: str) -> float:
@@ -260,6 +254,17 @@ class Training:
             ego_hits=sum(result.ego_hit for result in results),
             safety_triggers=mean("safety_triggers"),
         )
+
+    def _vehicles_of(self, evaluation_episode: int) -> int:
+        """Return the number of other vehicles in an episode of an evaluation."""
+        fleet = self._env.fleet_of(EVALUATION_SEEDS + evaluation_episode)
+        traffic, most = self.config.traffic, fleet.most_in_training
+        ends = (traffic.vehicles_min, traffic.vehicles_max) if most is None else (0, most)
+        if (placed := fleet.placed) is not None:
+            ends = placed, placed
+        episodes = self._config.evaluation_episodes
+        numbers = np.linspace(*ends, episodes) if episodes > 1 else np.mean([ends], axis=1)
+        return int(numbers.round()[evaluation_episode])
 
     @property
     def network(self) -> QNetwork:

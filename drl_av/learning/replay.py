@@ -181,7 +181,8 @@ class Buffer(Protocol):
 class TwoBuffers(Buffer):
     """The paper's safe buffer Buf_S and collision buffer Buf_C.
 
-    The share ``collision_fraction`` of each batch comes from Buf_C. If one of the two is empty, the
+    The share ``collision_fraction`` of each batch comes from Buf_C, at least one row unless it is
+    0. If one of the two is empty, the
     whole batch comes from the other one.
     """
 
@@ -215,7 +216,8 @@ class TwoBuffers(Buffer):
         Raises:
             ValueError: both buffers are empty.
         """
-        from_collision = round(batch_size * self.collision_fraction)
+        rounded = round(batch_size * self.collision_fraction)
+        from_collision = max(rounded, 1 if self.collision_fraction else 0)
         if not self.collision:
             from_collision = 0
         elif not self.safe:

@@ -57,7 +57,7 @@ class Part:
         self._worlds = np.arange(self.env.num_envs)
         self._trend = np.zeros(self.env.num_envs, np.int64)
         self._since_change = np.full(self.env.num_envs, AFTER_CHANGE)
-        self._most = self.env.usual.most_in_training if self.env.usual else None
+        self._most = self.env.fleet_of(0).most_in_training
         self.collisions = 0
         """Episodes so far that ended with a collision."""
         self._rng = np.random.default_rng(drawn.spawn(1)[0])

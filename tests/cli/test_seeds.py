@@ -35,6 +35,13 @@ def test_wrong_seeds_are_refused(words: str, capsys: Capsys) -> None:
     assert "--seeds" in capsys.readouterr().err
 
 
+def test_the_command_that_compares_names_the_own_check(settings: str, capsys: Capsys) -> None:
+    Path("own_check.py").write_text("from drl_av.safety.check import permit_all as free\n")
+    words = ["train", "--config", settings, "--out", "many", "--seeds", "3"]
+    assert main([*words, "--safety-check", "own_check:free"]) == 0
+    assert "gap-mobil --safety-check=own_check:free\n" in capsys.readouterr().out
+
+
 def test_each_run_has_the_bytes_of_the_same_run_alone(settings: str, capsys: Capsys) -> None:
     words = ["train", "--config", settings]
     assert main([*words, "--out", "many", "--seeds", "3,4", "--jobs", "2"]) == 0

@@ -1,11 +1,14 @@
 """Traffic of all kinds: each episode draws one kind, and is the same as in that kind alone."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
 from drl_av.config import SINGLE_PRESETS, Config, TrafficConfig, from_toml
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.transition import Observation
+from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import Snapshot
 from drl_av.safety import assumptions
@@ -60,8 +63,25 @@ def test_strict_is_refused_if_one_kind_breaks_its_assumptions(
     strict = ALL.updated("safety", check="strict")
     HighwayEnv(config=strict)
     monkeypatch.setattr(assumptions, "RANDOM_LANE_CHANGES_PER_S", 0.005)  # hazards has 0.01
-    with pytest.raises(ConfigError, match=r"at most 0\.005, and not 0\.01"):
-        HighwayEnv(config=strict)
+    for make in (HighwayEnv, TwinVectorEnv):
+        with pytest.raises(ConfigError, match=r"at most 0\.005, and not 0\.01"):
+            make(config=strict)
+
+
+def test_on_an_open_road_an_episode_has_the_vehicles_of_its_kind_in_the_twin_too() -> None:
+    ramp = Config().updated("simulation", scenario="merge")
+    ramp = ramp.updated("traffic", presets=["calm", "naturalistic"])
+    seeds, twin = range(1_000_000, 1_000_004), ramp.updated("simulation", world="twin")
+    found = [TwinVectorEnv(4, config=ramp).reset(seed=[*seeds])[1]["vehicles"].tolist()]
+    for config in (ramp, twin):
+        with closing(HighwayEnv(config=config)) as env:
+            found.append([env.reset(seed=seed)[1]["vehicles"] for seed in seeds])
+    assert found == [[65, 65, 38, 38]] * 3
+
+
+def test_all_kinds_take_the_settings_beside_them() -> None:
+    late = Config().updated("traffic", presets=SINGLE_PRESETS, keep_stopping_distance=False)
+    assert {each.traffic.keep_stopping_distance for each in late.per_traffic_preset} == {False}
 
 
 def test_each_episode_draws_one_of_the_kinds_that_are_listed() -> None:

@@ -352,7 +352,7 @@ def test_in_traffic_of_several_kinds_it_plans_for_that_of_the_episode() -> None:
     seen = set()
     for seed in range(6):
         planner.start(seed)
-        kind = several.per_traffic_preset[kind_of_traffic(seed, 2)]
+        kind = kind_of_traffic(seed, several.per_traffic_preset)
         alone = preferring(*ALONG, config=kind)
         alone.start(seed)
         assert planner._kind == kind

@@ -192,6 +192,9 @@ def test_own_parts_are_objects_of_a_program_also_in_several_processes() -> None:
     rows = drl_av.evaluate("idm", **given)
     assert drl_av.evaluate("idm", **given, jobs=2) == rows
     assert checks(rows) == {"idm": "slow", "mine": "slow"}
+    plain = given | {"own": {}, "observation": None}
+    beside = drl_av.evaluate(["idm", "idm@paper"], **plain)[1::2]
+    assert beside == drl_av.evaluate("idm@paper", **plain | {"safety_check": None})
     assert {row.mean_reward for row in rows} == {-0.5}
     lock.append(threading.Lock())
     with pytest.raises(ConfigError, match=r"cannot be copied into another process .* jobs=1"):
@@ -281,6 +284,17 @@ def test_a_training_goes_on_with_the_reward_that_it_began_with(
     assert main([*words[:2], "plain", *words[3:]]) == 0
     assert main(["train", "--out", "plain", "--resume", priced[0]]) == 1
     assert "plain was begun without --reward: give all" in error_message(capsys)
+
+
+def test_a_training_under_a_check_of_a_program_is_of_no_other(mine: str) -> None:
+    slow = import_function(f"{mine}:slow", "check")
+    config = SHORT | {"learning": {"evaluation_episodes": 1}}
+    for number, check in enumerate((slow, lambda scene, proposed: slow(scene, proposed))):
+        run = drl_av.train(f"slow{number}", config=config, episodes=1, safety_check=check)
+        with pytest.raises(ConfigError, match="a function of a user, which no file may run"):
+            drl_av.evaluate(run, vehicles=3, episodes=1)
+    words = ["train", "--out", "slow0", "--resume", "--safety-check", f"{mine}:slow"]
+    assert main(words) == 0
 
 
 def test_the_reward_of_a_program_is_named_as_another_program_would(mine: str) -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runs import INTERRUPT, KILL, Capsys, error_message, files_of, interrupted
+from runs import INTERRUPT, KILL, Capsys, error_message, files_of, interrupted, run_folder
 
 from drl_av.cli import main
-from drl_av.config import Config, load_config
+from drl_av.config import Config, TrafficConfig, load_config
 from drl_av.config.presets import adaptation
 from drl_av.drivers.learned import network_values
 from drl_av.drivers.policy_file import SHIPPED, load, load_policy
@@ -98,7 +98,7 @@ def test_settings_are_the_runs_but_for_what_adaptation_is(adapted: Path, trained
     assert found.simulation == before.simulation
     learning = found.learning
     assert (learning.epsilon_start, learning.epsilon_end, learning.learning_rate) == (0, 0, 1e-3)
-    assert (learning.seed, learning.target_update_episodes, learning.episodes) == (2, 3, 5)
+    assert (learning.seed, learning.target_update_episodes, learning.episodes) == (3, 3, 5)
 
 
 def test_a_driver_that_learned_fast_is_adapted_slowly_too() -> None:
@@ -108,6 +108,16 @@ def test_a_driver_that_learned_fast_is_adapted_slowly_too() -> None:
     assert (learning.learning_rate_end_fraction, learning.gradient_steps) == (1.0, 1)
     assert (learning.episodes, learning.batch_size) == (30_000, 64)
     assert learning.collisions_to_start == 64
+    few = adaptation(Config().updated("learning", collision_capacity=50))
+    assert few.learning.collisions_to_start == 50
+
+
+def test_it_has_the_numbers_of_vehicles_of_a_run_among_all_kinds(tmp_path: Path) -> None:
+    few = {"vehicles_min": 3, "vehicles_max": 5}
+    run_folder(tmp_path / "run", Config().with_traffic("all").updated("traffic", **few))
+    words = "--episodes 1 -o simulation.decisions_per_episode=2 -o learning.evaluation_episodes=1"
+    assert main(f"adapt {tmp_path}/run --out {tmp_path}/adapted {words}".split()) == 0
+    assert load_config(tmp_path / "adapted" / "config.toml").traffic == TrafficConfig(**few)
 
 
 def test_every_violation_lands_in_the_collision_buffer_beside_the_trainings_own(

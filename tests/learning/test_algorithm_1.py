@@ -45,7 +45,7 @@ class ScriptedEnv:
 
     road = ROAD
     scene = ALONE
-    simulation = SimpleNamespace(fleet=SimpleNamespace(most_in_training=None, placed=None))
+    fleet_of: Any = staticmethod(lambda _: SimpleNamespace(most_in_training=None, placed=None))
 
     def __init__(self, script: list[Step], config: Config, tape: list[str]) -> None:
         self.script, self.config, self.tape = script, config, tape
@@ -353,17 +353,24 @@ def test_training_never_meets_the_traffic_of_an_evaluation(driven: Driven) -> No
     assert [vehicles for _, vehicles in again] == [1, 4, 7, 11, 14, 17, 20, 24, 27, 30]
 
 
-def test_on_an_open_road_episodes_begin_with_every_number_of_vehicles_up_to_the_most() -> None:
+def test_on_an_open_road_episodes_begin_with_every_number_of_vehicles_up_to_the_most_of_their_kind(
+    driven: Driven,
+) -> None:
     training, env, *_ = story([QUIET], episodes=200)
-    env.simulation = SimpleNamespace(fleet=SimpleNamespace(most_in_training=8, placed=None))
+    env.fleet_of = lambda seed: SimpleNamespace(most_in_training=8 - 6 * (seed % 2), placed=None)
     for _ in range(200):
         training.run_episode()
-    assert {options["vehicles"] for options in env.options} == set(range(9))
+    for odd, most in ((0, 8), (1, 2)):
+        drawn = zip(env.seeds, env.options, strict=True)
+        found = {options["vehicles"] for seed, options in drawn if seed % 2 == odd}
+        assert found == set(range(most + 1))
+    training.evaluate()  # 8 n / 9 of 8 vehicles for an even n, 2 n / 9 for an odd one
+    assert [vehicles for _, vehicles in driven] == [0, 0, 2, 1, 4, 1, 5, 2, 7, 2]
 
 
 def test_where_the_scenario_places_the_vehicles_each_episode_has_these(driven: Driven) -> None:
     training, env, *_ = story([QUIET], episodes=3)
-    env.simulation = SimpleNamespace(fleet=SimpleNamespace(most_in_training=None, placed=4))
+    env.fleet_of = lambda seed: SimpleNamespace(most_in_training=None, placed=4)
     training.run_episode()
     training.evaluate()
     assert env.options == [None]

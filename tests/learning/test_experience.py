@@ -56,10 +56,10 @@ def test_unsafe_proposal_is_a_collision_and_the_executed_action_is_safe() -> Non
     assert ends(safe) == [(LEFT, -0.5, GAMMA), (HARD_BRAKE, -0.25, GAMMA)]
 
 
-def test_collision_goes_to_the_collision_buffer_alone_whatever_its_reward() -> None:
-    safe, collision = stored(decision(reward=-7.0, terminated=True))
+def test_collision_goes_to_the_collision_buffer_alone_with_its_reward() -> None:
+    safe, collision = stored(decision(reward=-7.0, terminated=True))  # of the user's own function
     assert len(safe) == 0
-    assert ends(collision) == [(LEFT, R_COL, 0.0)]
+    assert ends(collision) == [(LEFT, -7.0, 0.0)]
 
 
 def test_collision_of_an_overruled_proposal_blames_the_executed_action_too() -> None:

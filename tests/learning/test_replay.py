@@ -37,9 +37,9 @@ def test_a_batch_of_64_has_32_rows_of_each_buffer_however_rare_collisions_are():
 def test_the_share_of_collisions_is_rounded_to_the_nearest_number_of_rows():
     drawn = [
         (two_buffers(9, 9, fraction).sample(10, np.random.default_rng(0)).discount == 0.0).sum()
-        for fraction in (0.33, 0.37)
+        for fraction in (0.33, 0.37, 0.01, 0.0)
     ]
-    assert drawn == [3, 4]
+    assert drawn == [3, 4, 1, 0]
 
 
 @pytest.mark.parametrize(("safe", "collision", "expected"), [(5, 0, 0), (0, 5, 64), (5, 5, 64)])
@@ -70,6 +70,12 @@ def test_uniform_buffer_takes_collisions_as_often_as_they_are():
         buffer.add_collision(observation(0), 0, -5.0)
     batch = buffer.sample(10_000, np.random.default_rng(0))
     assert (batch.discount == 0.0).mean() == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_collision_buffer_that_is_too_small_for_learning_to_start_is_refused():
+    with pytest.raises(ConfigError, match="collisions_to_start <= collision_capacity must hold"):
+        LearningConfig(collisions_to_start=51, collision_capacity=50)
+    LearningConfig(collisions_to_start=51, collision_capacity=50, replay="uniform")
 
 
 def test_config_names_the_buffer():

@@ -323,7 +323,7 @@ def test_each_episode_draws_one_of_the_kinds_of_traffic_and_is_as_in_that_kind_a
     mixed = Config().with_traffic("all")
     env, seeds = TwinVectorEnv(8, config=mixed), range(2_000_000, 2_000_008)
     together = driven(env, list(seeds))
-    kinds = [kind_of_traffic(seed, len(SINGLE_PRESETS)) for seed in seeds]
+    kinds = [kind_of_traffic(seed, range(len(SINGLE_PRESETS))) for seed in seeds]
     assert len(set(kinds)) >= 4
     for world, (seed, kind) in enumerate(zip(seeds, kinds, strict=True)):
         alone = TwinVectorEnv(1, config=Config().with_traffic(SINGLE_PRESETS[kind]))

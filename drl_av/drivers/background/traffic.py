@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.compiled import borrowing
-from drl_av.config import Config, FiniteStateConfig, Level0Config
+from drl_av.config import Config, EgoConfig, FiniteStateConfig, Level0Config, ObservationConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.drivers.background.finite_state import CRUISE, HardBraking, finite_state, looks_aside
 from drl_av.drivers.background.level_k import (
@@ -50,6 +50,7 @@ class TrafficNumbers(NamedTuple):
     level_1: LevelKNumbers
     level_2: LevelKNumbers
     ego: EgoNumbers
+    """The accelerations of level-0 drivers, those of the paper's ego."""
     braking_m_s2: float
     """The hardest braking of the vehicles."""
     times_s: tuple[float, float]
@@ -66,12 +67,12 @@ def traffic_numbers(config: Config, road: Road, vehicle_types: VehicleTypes) -> 
     has_1, has_2 = any(k.level_1_share for k in kinds), any(k.level_2_share for k in kinds)
     return TrafficNumbers(
         road=road_numbers(road),
-        range_m=float(config.observation.range_m),
+        range_m=float(ObservationConfig().range_m),
         machine=config.finite_state.numbers,
         table=config.level_0.numbers,
         level_1=load_level_k(road, 1) if has_1 else NO_LEVEL_K,
         level_2=load_level_k(road, 2) if has_2 else NO_LEVEL_K,
-        ego=ego_numbers(config.ego, timing),
+        ego=ego_numbers(EgoConfig(), timing),
         braking_m_s2=float(vehicle_types.traffic.braking_m_s2),
         times_s=(float(timing.decision_interval_s), float(timing.step_length_s)),
     )

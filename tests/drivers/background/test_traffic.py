@@ -236,6 +236,15 @@ def test_level_2_drives_by_its_own_network() -> None:
     assert found[1].tolist() == wanted != found[0].tolist()
 
 
+def test_the_others_do_not_drive_otherwise_if_the_ego_sees_less_or_brakes_otherwise() -> None:
+    found, other = [], MIX.updated("ego", accelerate_m_s2=1.0)
+    for config in (MIX, other.updated("observation", range_m=40.0)):
+        with closing(HighwayEnv(config=config)) as env:
+            env.reset(seed=3, options={"vehicles": 30})
+            found.append(env.traffic_drivers(env.scene.snapshot).acceleration_m_s2.tolist())
+    assert found[0] == found[1]
+
+
 def test_traffic_of_sumo_alone_gets_no_commands() -> None:
     env = HighwayEnv(config=Config().with_traffic("calm"))
     env.reset(seed=0, options={"vehicles": 30})
