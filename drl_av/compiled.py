@@ -17,7 +17,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar, get_args
 
-from drl_av.errors import DrlAvError
+from drl_av.errors import DrlAvError, warn
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -186,11 +186,12 @@ def _depends_on(dispatcher: Any, sources: list[tuple[str, Any]]) -> None:
     """Make the cached code of a function invalid when a function that it calls has changed.
 
     Numba itself compares only the file of the function. It also fails where the cache is damaged,
-    or names a class that has moved; then the function is compiled again.
+    names a class that has moved, or cannot be written; then the function is compiled again.
     """
     from numba.core import caching
 
     base: Any = caching.IndexDataCacheFile
+    kept: Any = dispatcher._cache
 
     class CacheFile(base):  # type: ignore[misc]
         def load(self, key: Any) -> Any:
@@ -198,10 +199,19 @@ def _depends_on(dispatcher: Any, sources: list[tuple[str, Any]]) -> None:
                 return super().load(key)
             return None
 
+        def save(self, key: Any, data: Any) -> None:
+            try:
+                super().save(key, data)
+            except OSError as error:
+                warn(
+                    f"Compiled functions cannot be kept in {kept._cache_path} ({error.strerror}), "
+                    "so each process compiles them anew: let the environment variable "
+                    "NUMBA_CACHE_DIR name another folder."
+                )
+
         def _load_index(self) -> Any:
             with suppress(Exception):
                 return super()._load_index()
             return {}
 
-    cache: Any = dispatcher._cache
-    cache._cache_file = CacheFile(cache._cache_path, cache._impl.filename_base, repr(sources))
+    kept._cache_file = CacheFile(kept._cache_path, kept._impl.filename_base, repr(sources))

@@ -85,6 +85,15 @@ def test_a_damaged_cache_is_no_error(tmp_path: Path) -> None:
     assert of_outer(tmp_path) == 20.0
 
 
+def test_a_cache_that_cannot_be_written_is_said_and_no_error(tmp_path: Path) -> None:
+    full = (
+        "import numba.core.caching as c; c.IndexDataCacheFile.save = lambda *_: open('/no/file'); "
+    )
+    done = python("-c", full + LANE, NUMBA_CACHE_DIR=str(tmp_path))
+    assert done.stdout == "1\n"
+    assert f"Compiled functions cannot be kept in {tmp_path}" in done.stderr
+
+
 def test_where_the_module_s_folder_cannot_be_written_the_cache_is_the_user_s(
     tmp_path: Path,
 ) -> None:

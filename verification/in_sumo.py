@@ -43,7 +43,8 @@ class SumoWorld:
     """
 
     def __init__(self, config: Config, road: str = "loop") -> None:
-        folder = Path(tempfile.mkdtemp()) / road
+        self._files = tempfile.TemporaryDirectory()
+        folder = Path(self._files.name, road)
         write_scenario(folder, ROADS[road])
         self._scenario = load_scenario(folder)
         self._config = config.updated(  # the commands of a world stand as they are

@@ -13,7 +13,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -46,7 +46,7 @@ def make_console() -> Console:
 def plus_minus() -> str:
     """Return the sign between a value and its interval, which the output can show."""
     try:
-        "±".encode(sys.stdout.encoding or "ascii")
+        "±".encode(getattr(sys.stdout, "encoding", None) or "ascii")
     except UnicodeEncodeError:
         return "+-"
     return "±"
@@ -122,7 +122,7 @@ class StopRequest:
 
 @contextmanager
 def stop_request(after: str = "episode") -> Iterator[StopRequest]:
-    """Handle SIGINT (Ctrl-C) and SIGTERM in the block.
+    """Handle SIGINT (Ctrl-C), SIGTERM and SIGHUP in the block; in a thread there are none.
 
     The first signal sets ``made`` of the yielded StopRequest, and says that the program stops
     ``after`` what it is doing. The second signal raises KeyboardInterrupt.
@@ -134,14 +134,26 @@ def stop_request(after: str = "episode") -> Iterator[StopRequest]:
         if request.made:
             raise KeyboardInterrupt
         request.made = True
-        os.write(2, said)
+        with suppress(OSError):  # the terminal may have gone
+            os.write(2, said)
 
-    former = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    former = {number: signal.signal(number, ask) for number in _endings(signal.SIGINT)}
     try:
         yield request
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
+
+
+def _endings(*further: signal.Signals) -> list[signal.Signals]:
+    """Return the signals that end a program, with ``further``; in a thread, which gets none, none.
+
+    SIGHUP, which says that the terminal is closed, is none where nohup ignores it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return []
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return [*further, signal.SIGTERM, *(() if ignored else (signal.SIGHUP,))]
 
 
 INTERRUPTED = 130
@@ -151,9 +163,10 @@ INTERRUPTED = 130
 def exit_status(program: str, run: Callable[[], int]) -> int:
     """Call ``run`` and return its exit status; an error becomes one sentence on stderr.
 
-    The status is 1 after a DrlAvError or an OSError, and 130 after Ctrl-C or SIGTERM. The sentence
-    begins with the name of the program.
+    The status is 1 after a DrlAvError or an OSError, and 130 after Ctrl-C, SIGTERM or SIGHUP. The
+    sentence begins with the name of the program.
     """
+    _open_missing_streams()
     try:
         with _printable(), _interrupts(), _warnings_in_one_line(program):
             return run()
@@ -161,6 +174,10 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         return 1
     except DrlAvError as error:
         print(printable(" ".join([f"{program}:", *str(error).split()])), file=sys.stderr)
+        return 1
+    except UnicodeEncodeError as error:
+        name = printable(ascii(error.object))
+        print(f"{program}: {name} is no text in {error.encoding}: rename it.", file=sys.stderr)
         return 1
     except OSError as error:
         where, why = error.filename or "the output", error.strerror or error
@@ -175,16 +192,22 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         return INTERRUPTED
 
 
+def _open_missing_streams() -> None:
+    """Let what the caller has closed of input, output and errors be the null device."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # the lowest free descriptor is its own
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115
+            os.set_inheritable(stream.fileno(), True)
+            setattr(sys, name, stream)
+
+
 @contextmanager
 def _interrupts() -> Iterator[None]:
-    """Make SIGTERM raise KeyboardInterrupt in the block, as SIGINT (Ctrl-C) does.
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as SIGINT (Ctrl-C) does.
 
     A library that swallows a KeyboardInterrupt in a callback, as LLVM's does, may fail a moment
     later with an error of its own. At the end of the block it is a KeyboardInterrupt again.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     swallowed, show = [], sys.unraisablehook
 
     def interrupt(number: int, frame: object) -> None:
@@ -196,7 +219,7 @@ def _interrupts() -> Iterator[None]:
         else:
             show(unraisable)
 
-    former = signal.signal(signal.SIGTERM, interrupt)
+    former = {number: signal.signal(number, interrupt) for number in _endings()}
     sys.unraisablehook = note
     try:
         yield
@@ -208,7 +231,8 @@ def _interrupts() -> Iterator[None]:
         raise
     finally:
         sys.unraisablehook = show
-        signal.signal(signal.SIGTERM, former)
+        for number, handler in former.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

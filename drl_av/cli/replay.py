@@ -28,7 +28,7 @@ from drl_av.drivers.registry import (
     default_config,
     find_drivers,
 )
-from drl_av.errors import ConfigError, RecordingError, pluralize
+from drl_av.errors import ConfigError, DrlAvError, RecordingError, pluralize
 
 if TYPE_CHECKING:
     from drl_av.drawing.page import PageEpisode
@@ -99,6 +99,7 @@ def replay(options: argparse.Namespace) -> int:
     """
     from drl_av.drawing.film import require_film
     from drl_av.drawing.page import PageEpisode, write_page
+    from drl_av.evaluation.trajectories import require_parquet, write_parquet
     from drl_av.files.atomic import require_suffix, require_writable
     from drl_av.simulation.sumo_options import files_of_sumo, option_words
 
@@ -117,6 +118,8 @@ def replay(options: argparse.Namespace) -> int:
         require_suffix(getattr(options, name), suffix)
     if options.video:
         require_film(options.video, options.rate or USUAL_RATE)
+    if options.parquet:
+        require_parquet()
     sessions = _sessions(options)
     if options.sheet:
         return _draw_sheet(options, sessions)
@@ -129,8 +132,6 @@ def replay(options: argparse.Namespace) -> int:
     if options.record:
         recording.save(options.record)
     if options.parquet:
-        from drl_av.evaluation.trajectories import write_parquet
-
         write_parquet(recording, options.parquet)
     for path in filter(None, (options.record, options.fcd, options.parquet)):
         print(f"{path}: recorded")
@@ -272,6 +273,11 @@ def _show(
             driven = session.drive("human", Pacer(pace))
         else:
             driven = session.drive(None)
+        if options.fcd and not unfinished.read_bytes().rstrip().endswith(b"</fcd-export>"):
+            raise DrlAvError(
+                f"SUMO could not write {options.fcd} to its end: free some space; what was there "
+                "before is unchanged."
+            )
     return driven
 
 

@@ -1,6 +1,7 @@
 """Draws the reward functions of a config, learning curves, speeds and speed profiles."""
 
 import math
+import os
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -274,7 +275,7 @@ def styles_of(drivers: Iterable[str]) -> dict[str, tuple[str, str]]:
     names = {driver: driver.partition("@")[0] for driver in drivers}
     styles, used = dict(STYLES), Counter[str]()
     for name in sorted({*names.values()} - STYLES.keys()):
-        first = zlib.crc32(name.encode()) % len(OTHER_STYLES)
+        first = zlib.crc32(os.fsencode(name)) % len(OTHER_STYLES)
         turn = OTHER_STYLES[first:] + OTHER_STYLES[:first]
         taken = {*styles.values()}
         styles[name] = min(turn, key=lambda style: (style in taken, used[style[0]]))

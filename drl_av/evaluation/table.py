@@ -125,6 +125,7 @@ class ResultTable:
         make_folder(path.parent, "--out")
         require_writable(path, self.beside)
         hold(path)
+        self._written = _stamp(path)
         self._rows: dict[tuple[Any, ...], Row] = {}
         with report_corrupt_table(path):
             facts = read_provenance(path, suffix)
@@ -177,11 +178,17 @@ class ResultTable:
     def save(self, **facts: Any) -> None:
         """Write the provenance, with ``facts``, and then the table, each atomically.
 
-        Raises DrlAvError if the write fails.
+        Raises DrlAvError if the write fails, or if another process has written the table.
         """
         if rows := self.rows:
+            if _stamp(self.path) != self._written:
+                raise DrlAvError(
+                    f"{self.path} has been changed by another process since this one read it: give "
+                    "the same command again, which adds to what is there now."
+                )
             write_provenance(self.path, self._facts(rows, facts), self._suffix)
             write_table(self.path, rows[0], rows)
+            self._written = _stamp(self.path)
 
     def _facts(self, rows: Sequence[Row], given: Mapping[str, Any]) -> dict[str, Any]:
         settings, policies, episodes, custom = self._inputs
@@ -203,6 +210,15 @@ class ResultTable:
         stored = {name: asdict(config) for name, config in settings.items()}
         facts["settings"] = stored.get("", stored)
         return provenance(next(iter(settings.values())), **facts)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from one that another process has put in its place; None if none."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_ino, found.st_mtime_ns
 
 
 def _stored(facts: dict[str, Any], beside: Path) -> Inputs:

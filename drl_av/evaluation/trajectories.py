@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drl_av.driving.actions import ACTIONS
-from drl_av.errors import DrlAvError, needed_by
+from drl_av.errors import needed_by
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.recording import COLUMNS, Recording, load_recording
 from drl_av.files.atomic import write_atomic
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def import_pandas(caller: str) -> Any:
     """Return the module pandas; raise DrlAvError, which names the caller, if it is missing."""
-    with needed_by(caller, "pandas", "pandas"):
+    with needed_by(caller, "pandas", "'drl-av[parquet]'"):
         import pandas
     return pandas
 
@@ -71,20 +71,16 @@ def _lanes(recording: Recording) -> Any:
     return np.nan_to_num(np.floor(recording.states[:, :, 1] / width_m + 0.5), nan=-1).astype(int)
 
 
-def write_parquet(recording: Recording, path: Path) -> None:
-    """Write ``episode_frame`` as a Parquet file, atomically.
+def require_parquet() -> None:
+    """Raise DrlAvError unless the packages that write a Parquet file are installed."""
+    frame = import_pandas("--parquet").DataFrame({"column": [0]})
+    with needed_by("--parquet", "fastparquet", "'drl-av[parquet]'"):
+        frame.to_parquet(None)
 
-    Raises:
-        DrlAvError: a package is missing, or the file cannot be written.
-    """
-    frame = episode_frame(recording)
-    try:
-        data: bytes = frame.to_parquet(None, index=False)
-    except ImportError as error:
-        raise DrlAvError(
-            "--parquet needs a package that is not installed: pip install 'drl-av[parquet]'."
-        ) from error
-    write_atomic(path, data)
+
+def write_parquet(recording: Recording, path: Path) -> None:
+    """Write ``episode_frame`` as a Parquet file, atomically; DrlAvError if that is impossible."""
+    write_atomic(path, episode_frame(recording).to_parquet(None, index=False))
 
 
 def time_space_figure(recording: Recording) -> "Figure":

@@ -32,9 +32,10 @@ def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path
 
     The temporary path has the same suffix, in a new folder beside ``path`` that only this user may
     enter, so that no link of another user is followed. If the block succeeds, the written data is
-    synced to the disk and then replaces ``path``. A new folder can replace only an empty folder. If
-    the block raises, the data is removed. If ``path`` is a link, its target is replaced. Temporary
-    files of processes that have died are removed first.
+    synced to the disk and then replaces ``path``. A new file has the permissions of the one that it
+    replaces; a new folder can replace only an empty one, in which this process is not. If the block
+    raises, the data is removed. If ``path`` is a link, its target is replaced. Temporary files of
+    processes that have died are removed first.
 
     Raises:
         error: the disk is full, or the folder is missing or not writable; ``error`` is its class.
@@ -42,8 +43,12 @@ def replacing(path: Path, error: type[DrlAvError] = DrlAvError) -> Iterator[Path
     path = _target(path)
     _remove_abandoned(path)
     try:
+        if path.is_dir() and Path.cwd().is_relative_to(path):
+            raise error(f"You are in the folder {path}, which is to be made: name a new one in it.")
         with _unfinished(path) as temporary:
             yield temporary
+            if path.is_file():
+                shutil.copymode(path, temporary)
             for part in (*temporary.rglob("*"), temporary):
                 _sync(part)
             os.replace(temporary, path)
@@ -214,6 +219,8 @@ def _refused(path: Path, refusal: OSError, error: type[DrlAvError]) -> DrlAvErro
     """Return an error that says why ``path`` cannot be written, and what the user can do."""
     if refusal.errno == errno.ENOTEMPTY:
         return error(f"{path} has been made meanwhile, with files in it: choose another folder.")
+    if refusal.errno == errno.EBUSY:
+        return error(f"{path} is a mount point, which stays: name a folder in it.")
     return error(
         f"{path} cannot be written ({refusal.strerror or refusal}): free some space, or choose a "
         "folder that exists and may be written to; what was there before is unchanged."
@@ -256,7 +263,7 @@ def hold(table: Path) -> None:
     path = table.resolve()
     if path in _held:
         return
-    name = hashlib.sha256(str(path).encode()).hexdigest()[:16]
+    name = hashlib.sha256(os.fsencode(path)).hexdigest()[:16]
     file = Path(tempfile.gettempdir(), f"drl-av-{os.getuid()}-{name}.lock")
     busy = DrlAvError(
         f"Another process is writing to {table}: wait for it, stop it first, or choose another "

@@ -1,4 +1,4 @@
-"""Every verb ends by SIGTERM as by Ctrl-C, and removes what a killed process left."""
+"""Every verb ends by SIGTERM and SIGHUP as by Ctrl-C, and removes what a killed process left."""
 
 import argparse
 import signal
@@ -30,20 +30,21 @@ WRITING = {
 }
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("verb", VERBS)
-def test_sigterm_ends_each_verb_as_ctrl_c_does(
-    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
+def test_sigterm_and_sighup_end_each_verb_as_ctrl_c_does(
+    verb: str, number: signal.Signals, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     def works(options: argparse.Namespace) -> int:
-        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(number)
         return 0
 
     named = VERBS[verb]._replace(add_options=lambda parser: None, run=works)
     monkeypatch.setitem(cli.VERBS, verb, named)
-    former = signal.getsignal(signal.SIGTERM)
+    former = signal.getsignal(number)
     assert main([verb]) == 130
     assert capsys.readouterr().err == "drl-av: interrupted.\n"
-    assert signal.getsignal(signal.SIGTERM) is former
+    assert signal.getsignal(number) is former
 
 
 @pytest.mark.parametrize("what", WRITING)

@@ -1,12 +1,15 @@
 """How a program ends."""
 
+import os
+import signal
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pytest
 from runs import Capsys
 
-from drl_av.cli.console import exit_status
+from drl_av.cli.console import exit_status, stop_request
 
 
 class Callback:
@@ -29,6 +32,20 @@ def test_an_interrupt_that_a_library_swallows_is_one(capsys: Capsys) -> None:
         assert exit_status("drl-av", partial(compile_it, fails)) == 130
         assert capsys.readouterr().err == "drl-av: interrupted.\n"
     assert sys.unraisablehook is hook
+
+
+def test_a_stop_is_one_though_nobody_reads_that_it_is_and_a_thread_has_none() -> None:
+    with stop_request() as stop, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "write", lambda *_: os.stat("/no/file"))  # raises an OSError
+        signal.raise_signal(signal.SIGHUP)
+    assert stop.made
+    with ThreadPoolExecutor() as pool, stop_request():
+        assert not pool.submit(lambda: stop_request().__enter__().made).result()
+
+
+def test_a_name_of_bytes_that_are_no_text_is_one_sentence(capsys: Capsys) -> None:
+    assert exit_status("drl-av", lambda: len(os.fsdecode(b"caf\xe9.csv").encode())) == 1
+    assert capsys.readouterr().err == "drl-av: 'caf\\udce9.csv' is no text in utf-8: rename it.\n"
 
 
 def test_an_error_without_an_interrupt_is_shown_as_it_is() -> None:

@@ -242,3 +242,7 @@ def test_a_second_process_may_not_write_to_the_table(tmp_path: Path) -> None:
     table.add(*ROWS)
     table.save()
     assert python("-c", program).returncode == 1  # though the file is another one now
+    path.replace(tmp_path / "before.csv")
+    path.write_bytes((tmp_path / "before.csv").read_bytes())  # as one on another machine would
+    with pytest.raises(DrlAvError, match=r"changed by another process .* give the same command"):
+        table.save()

@@ -74,11 +74,17 @@ def test_the_file_names_its_columns_and_its_vehicles(tmp_path: Path) -> None:
 
 
 def test_sumos_own_tool_reads_the_floating_car_data_and_they_are_the_recorded_episode(
-    short: list[str], capsys: Capsys
+    short: list[str], capsys: Capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["replay", "--driver", "random", "--vehicles", "4", *short, "--fcd", "fcd.xml"]
     assert main([*words, "--record", "e.npz"]) == 0
     assert "fcd.xml: recorded" in capsys.readouterr().out
+    read = Path.read_bytes
+    with monkeypatch.context() as patch:  # SUMO does not say that the disk is full
+        cut = {"fcd.xml": -9}
+        patch.setattr(Path, "read_bytes", lambda path: read(path)[: cut.get(path.name)])
+        assert main(words) == 1
+    assert "SUMO could not write fcd.xml to its end: free some space" in capsys.readouterr().err
     tool = Path(sumo.SUMO_HOME, "tools", "xml", "xml2csv.py")
     subprocess.run([sys.executable, tool, "fcd.xml", "-o", "fcd.csv", "-s", ","], check=True)
     rows = {(row["timestep_time"], row["vehicle_id"]): row for row in read_rows(Path("fcd.csv"))}

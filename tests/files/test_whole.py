@@ -92,6 +92,11 @@ def test_a_folder_appears_with_all_its_files(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [place]
 
 
+def test_the_folder_of_the_process_is_not_replaced(here: Path) -> None:
+    with pytest.raises(DrlAvError, match=r"You are in the folder .*: name a new one in it"):
+        replacing(Path()).__enter__()
+
+
 def test_a_folder_with_files_in_it_is_never_replaced(tmp_path: Path) -> None:
     place = tmp_path / "run"
     place.mkdir()
@@ -163,6 +168,9 @@ def test_what_is_unfinished_is_for_its_user_alone_and_the_file_for_all(tmp_path:
         unfinished.write_text("x")
         assert unfinished.parent.stat().st_mode & 0o777 == 0o700
     assert (tmp_path / "rows.csv").stat().st_mode == usual.stat().st_mode
+    usual.chmod(0o640)
+    write_atomic(usual, b"again")
+    assert usual.stat().st_mode & 0o777 == 0o640
 
 
 KILLED = """
