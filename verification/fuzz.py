@@ -138,7 +138,7 @@ def _recording(rng: random.Random, folder: Path) -> None:
     actions, rules, ids = np.array([0, 1]), np.array(["", ""]), np.array(["ego", "vehicle1"])
     times = np.arange(len(states), dtype=np.float64)
     decided = actions, actions, rules
-    Recording(Config(), "idm", 7, 1, *decided, ids, times, states).save(file)
+    Recording(Config(), "idm", 7, 1, *decided, ids, np.ones((2, 2)), times, states).save(file)
     file.write_bytes(mutated(file.read_bytes(), rng))
     assert np.array_equal(load_recording(file).states, states)
 

@@ -6,11 +6,13 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from drl_av.driving.actions import Longitudinal
+from drl_av.driving.affordances import Neighbor
+from drl_av.driving.scene import Scene
 from drl_av.env.reward import Rewards
 from drl_av.env.route_outcome import COMPLETE
 from drl_av.env.transition import Transition
 from drl_av.files.table import PossiblyInfinite
-from drl_av.road.snapshot import Collision
+from drl_av.road.snapshot import EGO, Collision
 from drl_av.safety.paper import closing_speed, time_to_collision
 
 CHANGE_M_S = 0.3
@@ -46,6 +48,7 @@ class EpisodeResult:
     lane_changes: int
     """Number of completed lane changes."""
     aborted_lane_changes: int
+    """Number of decisions in which the ego turns back in a lane change, maybe several in one."""
     min_ttc_s: PossiblyInfinite
     """Smallest time to collision with the vehicle ahead; inf if the gap never shrank. For this and
     the next column, the end of the ego's lane counts as a standing vehicle."""
@@ -87,6 +90,18 @@ class EpisodeResult:
 
 USUAL = {"way": "", "world": "sumo", "group": ""}
 """The columns that a table lacks if they have these values."""
+
+
+def leader(scene: Scene) -> Neighbor | None:
+    """Return what the ego would run into in its lane: the next vehicle, or the lane's end.
+
+    A vehicle that reaches into the lane beside the ego, without overlapping it, is none.
+    """
+    front, shot = scene.affordances.own_front, scene.snapshot
+    if front is None or front.gap_m > 0.0 or front.vehicle >= len(shot.ids):
+        return front
+    apart_m = float(shot.width_m[front.vehicle] + shot.width_m[EGO]) / 2
+    return front if abs(front.lateral_offset_m) < apart_m else None
 
 
 class EpisodeMetrics:
@@ -138,7 +153,7 @@ class EpisodeMetrics:
 
     def _add_leader(self, decision: Transition) -> None:
         """Update the smallest time to collision and time gap, if there is a vehicle ahead."""
-        front = decision.next_scene.affordances.own_front
+        front = leader(decision.next_scene)
         if front is None:
             return
         speed = decision.next_scene.affordances.ego_speed_m_s

@@ -18,6 +18,7 @@ from drl_av.env.metrics import (
     SHORT_HEADWAY_S,
     EpisodeMetrics,
     EpisodeResult,
+    leader,
 )
 from drl_av.env.transition import Transition
 from drl_av.evaluation.statistics import grouped
@@ -198,8 +199,8 @@ class CriticalityMetrics(EpisodeMetrics):
 
     def _add_front(self, decision: Transition, duration_s: float) -> None:
         """Update the metrics that depend on the vehicle ahead, if there is one."""
-        front = decision.next_scene.affordances.own_front
-        if front is None:
+        front = leader(decision.next_scene)
+        if front is None or front.vehicle >= len(decision.next_scene.snapshot.ids):
             return
         closing_m_s, speed_m_s = closing_speed(front), self.speeds_m_s[-1]
         exposed_s = CRITICAL_TTC_S - time_to_collision(front.gap_m, closing_m_s)

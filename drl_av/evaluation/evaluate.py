@@ -118,8 +118,9 @@ def evaluate(
             replaces all settings. A learned driver keeps the [learning] settings of its training.
         scenario: Folder of a scenario, or the name of a shipped one.
         safety_check: ``"permit_all"``, ``"paper"`` or ``"strict"``, or your own: a function, or its
-            name as ``"module:function"``. A driver's name may name another one for this driver
-            alone, such as ``"pretrained@paper"``.
+            name as ``"module:function"``. A driver's name may name another one for this driver,
+            such as ``"pretrained@paper"``; without ``safety_check``, that of the first learned
+            driver is also the check of all who name none.
         traffic: The name of a kind of traffic, whose settings ``config`` may change.
         criticality: Whether to return each row as a CriticalityResult, with the columns of
             ``--criticality``.

@@ -32,7 +32,7 @@ MAX_UNPACKED = 1_000_000_000
 """The largest size, bytes, of all arrays of a recording together."""
 
 
-ARRAYS = ("proposed", "executed", "rules", "ids", "time_s", "states")
+ARRAYS = ("proposed", "executed", "rules", "ids", "sizes_m", "time_s", "states")
 """The arrays of a recording, in the order of the fields of ``Recording``."""
 
 
@@ -52,6 +52,8 @@ class Recording:
     """The rule by which the check changed the action, or ``none``, shape (T,)."""
     ids: npt.NDArray[np.str_]
     """The vehicles' ids in SUMO, shape (1 + N,), the ego first."""
+    sizes_m: FloatArray
+    """Length and width of each vehicle, shape (1 + N, 2)."""
     time_s: FloatArray
     """Time of each row of ``states`` since the reset, shape (T + 1,)."""
     states: FloatArray
@@ -164,9 +166,10 @@ def _require_episode(recording: Recording) -> None:
     if {len(recording.proposed), len(recording.executed)} != {decisions} or not vehicles:
         raise ValueError("its numbers of actions and of states differ")
     named = (recording.rules, (decisions,), "U"), (recording.ids, (vehicles,), "U")
-    for array, shape, kind in (*named, (recording.time_s, (decisions + 1,), "f")):
+    numbers = (recording.sizes_m, (vehicles, 2), "f"), (recording.time_s, (decisions + 1,), "f")
+    for array, shape, kind in (*named, *numbers):
         if array.shape != shape or array.dtype.kind != kind:
-            raise ValueError("its rules, ids or times do not fit its states")
+            raise ValueError("its rules, ids, sizes or times do not fit its states")
 
 
 class RecordedDriver:
@@ -199,9 +202,16 @@ def recording_of(
     moments = [decisions[0].scene.snapshot, *(made.next_scene.snapshot for made in decisions)]
     names = dict.fromkeys(name for shot in moments for name in shot.ids)
     rows = {name: row for row, name in enumerate(names)}
-    states = np.full((len(moments), len(rows), len(COLUMNS)), np.nan)
+    states, sizes_m = (
+        np.full((len(moments), len(rows), len(COLUMNS)), np.nan),
+        np.zeros((len(rows), 2)),
+    )
     for moment, shot in enumerate(moments):
-        states[moment, [rows[name] for name in shot.ids]] = states_of(shot)
+        there = [rows[name] for name in shot.ids]
+        states[moment, there], sizes_m[there] = (
+            states_of(shot),
+            np.stack((shot.length_m, shot.width_m), 1),
+        )
     return Recording(
         env.config,
         driver,
@@ -211,6 +221,7 @@ def recording_of(
         np.array([made.executed.number for made in decisions], dtype=np.int64),
         np.array([str(made.rule) for made in decisions], dtype=np.str_),
         np.array([*names], dtype=np.str_),
+        sizes_m,
         np.array([shot.time_s for shot in moments]),
         states,
         env.ego_model,

@@ -134,6 +134,7 @@ class ReplaySession:
         """The safety check, the scenario and the world in words."""
         own, settings = self.custom.safety_check, self.config.simulation
         check = self.config.safety.check if own is None or not isinstance(own, str) else own
+        check = "none" if isinstance(self.driver, SumoDriver) else check
         return f"safety check: {check}; scenario: {settings.scenario}; world: {settings.world}"
 
     def with_options(self, *words: str) -> "ReplaySession":
@@ -221,6 +222,8 @@ def require_same_traffic(sessions: Sequence[ReplaySession]) -> None:
 
 LOW_IS_WORSE = ("min_", "mean_speed", "mean_r", "comfortable")
 """How the columns begin whose smallest value is the worst."""
+NEARNESS = ("min_ttc_s", "min_headway_s", "min_pet_s", "max_drac_m_s2")
+"""The columns that measure how near a collision was."""
 ON_A_SHEET = 10
 TILE = (640, 360)
 """Width and height of a picture on the sheet, px."""
@@ -236,9 +239,10 @@ def worst_sessions(
 ) -> list[ReplaySession]:
     """Return the sessions that drive the ``count`` worst episodes of a table again.
 
-    ``column`` is the column whose value makes an episode bad. ``word`` names a driver as on the
-    command line; only its episodes count then. ``custom`` holds the user's parts, and ``scenario``
-    is the folder of the table's road if it was moved.
+    ``column`` is the column whose value makes an episode bad; in those of ``NEARNESS``, which are
+    measured after each decision, a collision is worse than any near miss. ``word`` names a driver
+    as on the command line; only its episodes count then. ``custom`` holds the user's parts, and
+    ``scenario`` is the folder of the table's road if it was moved.
 
     Raises:
         ConfigError: there is no such column, no episode of the driver ``word``, or the driver of an
@@ -261,11 +265,16 @@ def worst_sessions(
             f"one of: {', '.join(numbers)}."
         )
     sign = 1.0 if column.startswith(LOW_IS_WORSE) else -1.0
+
+    def badness(row: EpisodeResult) -> tuple[bool, float]:
+        of_all = row.decisions if column.startswith("comfortable") else 1
+        return not (row.collided and column in NEARNESS), sign * getattr(row, column) / of_all
+
     given = _given(word, table, [*dict.fromkeys(row.driver for row in results)])
     chosen = [row for row in results if word is None or row.driver in given]
     if len({getattr(row, column) for row in chosen}) == 1 and len(chosen) > count:
         raise ConfigError(f"All {len(chosen)} episodes have the same {column}: name another one.")
-    worst = sorted(chosen, key=lambda row: sign * getattr(row, column))[:count]
+    worst = sorted(chosen, key=badness)[:count]
     specs = _specs({row.driver: row.group for row in worst}, given)
     with closing(HighwayEnv(config=config, **custom._asdict())) as env:
         drivers = drivers_in(env, custom, list(specs.values()))

@@ -1,6 +1,6 @@
 """A table of results on disk to which missing rows are added, with its provenance beside it."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +17,7 @@ from drl_av.env.metrics import USUAL, EpisodeResult
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.criticality import CriticalityResult
 from drl_av.evaluation.provenance import (
+    PACKAGES,
     checksum,
     provenance,
     read_provenance,
@@ -136,6 +137,7 @@ class ResultTable:
                     raise ValueError(f"the row {at} is there twice")
                 self._rows[at] = row
             self._inputs = _stored(facts, self.beside) if rows or facts else inputs
+            self._former = facts
             self.seconds = _seconds(facts)
         self.require(inputs)
 
@@ -193,10 +195,9 @@ class ResultTable:
     def _facts(self, rows: Sequence[Row], given: Mapping[str, Any]) -> dict[str, Any]:
         settings, policies, episodes, custom = self._inputs
         times = {name: round(seconds, 1) for name, seconds in self.seconds.items()}
-        seeds = sorted({int(row["seed"]) for row in rows})
         facts: dict[str, Any] = {
             **given,
-            "seeds": f"{seeds[0]} to {seeds[-1]}",
+            "seeds": _ranges({int(row["seed"]) for row in rows}),
             "wall_time_s": times[""] if times.keys() == {""} else times,
         }
         if "" not in policies and policies:
@@ -209,7 +210,17 @@ class ResultTable:
             facts["custom"] = dict(custom)
         stored = {name: asdict(config) for name, config in settings.items()}
         facts["settings"] = stored.get("", stored)
-        return provenance(next(iter(settings.values())), **facts)
+        made = provenance(next(iter(settings.values())), **facts)
+        before, makers = [*self._former.get("before", [])], ("python", *PACKAGES, "machine")
+        if self._former and any(self._former.get(name) != made[name] for name in makers):
+            before.append({name: self._former.get(name) for name in ("command", "date", *makers)})
+        return {**made, "before": before} if before else made
+
+
+def _ranges(numbers: Collection[int]) -> str:
+    """Return whole numbers in words, such as "0 to 9, 20 to 20"."""
+    begins, ends = ([n for n in sorted(numbers) if n + side not in numbers] for side in (-1, 1))
+    return ", ".join(f"{begin} to {end}" for begin, end in zip(begins, ends, strict=True))
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

@@ -34,7 +34,7 @@ def episode_frame(recording: Recording | str | Path) -> Any:
         ``speed_m_s``, ``lateral_speed_m_s``, ``acceleration_m_s2`` (the mean until the vehicle's
         next row; NaN in its last), and for the ego ``decision``, the action that it executes from
         then on, and ``rule``, the rule of the safety check that changed the action, or ``none``;
-        both are empty for the other vehicles.
+        both are empty for the other vehicles. Last ``length_m`` and ``width_m``.
 
     Raises:
         RecordingError: the file is no recording, or is damaged.
@@ -52,7 +52,10 @@ def episode_frame(recording: Recording | str | Path) -> Any:
     decision, rule = np.full((2, *states.shape[:2]), "", dtype=object)
     decision[:-1, EGO] = [str(ACTIONS[number]) for number in recording.executed]
     rule[:-1, EGO] = recording.rules
-    moment, vehicle = there = np.nonzero(~np.isnan(states[:, :, 0]))
+    shown = ~np.isnan(states[:, :, 0])
+    if time_s[-1] == time_s[-2]:  # the ego left the lanes in the first SUMO step
+        shown[-1] = False
+    moment, vehicle = there = np.nonzero(shown)
     frame = {
         "time_s": time_s[moment],
         "id": recording.ids[vehicle],
@@ -61,6 +64,7 @@ def episode_frame(recording: Recording | str | Path) -> Any:
         "acceleration_m_s2": acceleration[there],
         "decision": decision[there],
         "rule": rule[there],
+        **dict(zip(("length_m", "width_m"), recording.sizes_m[vehicle].T, strict=True)),
     }
     return pandas.DataFrame(frame)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from decisions import decided
 from runs import Capsys
-from worlds import CENTER, Car, ahead, behind, scene
+from worlds import CENTER, MERGE, Car, ahead, behind, scene
 
 import drl_av
 from drl_av.cli import main
@@ -89,6 +89,16 @@ def test_the_time_below_three_seconds_to_a_collision_is_exposed() -> None:
     assert (row.tet_s, row.tit_s2) == (2.0, 0.5)
     assert row.max_drac_m_s2 == 25 / (2 * 12.5)
     assert row.min_ttc_s == 2.5
+
+
+def test_neither_the_end_of_a_lane_nor_who_drives_beside_the_ego_is_a_vehicle_ahead() -> None:
+    ending = scene(road=MERGE, s_m=780.0, y_m=0.0)  # 17.5 m before it
+    leans_over = scene(Car(2.0, CENTER + 1.9, 15.0))  # 0.9 m of its body in the ego's lane
+    for look, ttc_s in ((ending, 17.5 / 20), (leans_over, math.inf)):
+        row = measured(scene(), look)
+        assert (row.tet_s, row.max_drac_m_s2, row.short_headways) == (0.0, 0.0, 0)
+        assert (row.min_ttc_s, row.min_headway_s) == (ttc_s, ttc_s)
+    assert measured(scene(), scene(Car(2.0, CENTER + 1.7, 15.0))).min_ttc_s == 0.0
 
 
 @pytest.mark.parametrize(

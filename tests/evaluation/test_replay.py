@@ -16,6 +16,7 @@ from runs import Capsys, error_message
 
 from drl_av.cli import main
 from drl_av.config import Config
+from drl_av.drivers.registry import load_driver
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.errors import RecordingError
 from drl_av.evaluation.recording import Recording, load_recording
@@ -202,6 +203,8 @@ def test_two_drivers_meet_the_same_traffic_on_one_page(here: Path, capsys: Capsy
     assert (one["title"], other["title"]) == ("idm@strict, seed 4", "random, seed 4")
     assert one["frames"][0] == other["frames"][0]
     assert one["frames"][3] != other["frames"][3]
+    by_sumo = ReplaySession(SHORT, load_driver("sumo"), "sumo", 0, 3)
+    assert by_sumo.facts.startswith("safety check: none; ")
     for name in ("idm", "random"):
         assert main(["replay", name, *drive, "--record", f"{name}.npz"]) == 0
     assert main(["replay", "idm.npz", "random.npz", "--html", "again.html"]) == 0

@@ -84,6 +84,16 @@ def test_the_provenance_says_what_made_the_rows_and_times_add_up(saved: Path) ->
     assert facts["settings"]["safety"]["check"] == CONFIG.safety.check
     assert {"command", "date", "eclipse-sumo", "machine", "integration"} <= facts.keys()
     assert opened(saved).seconds == {"": 3.2}
+    old = facts | {"eclipse-sumo": "1.20.0", "command": "then"}
+    (saved / "rows.json").write_text(json.dumps(old))
+    for _ in range(2):  # what made the former rows is named, once
+        table = opened(saved)
+        table.add(row(5, 9))
+        table.save()
+    facts = json.loads((saved / "rows.json").read_text())
+    assert facts["seeds"] == "0 to 1, 9 to 9"
+    [before] = facts["before"]
+    assert (before["eclipse-sumo"], before["command"]) == ("1.20.0", "then")
 
 
 @pytest.mark.parametrize(

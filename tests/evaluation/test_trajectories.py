@@ -31,6 +31,7 @@ EPISODE = Recording(
     executed=np.array([10, 8]),
     rules=np.array(["in lane", "none"]),
     ids=np.array(["ego", "truck"]),
+    sizes_m=np.array([[5.0, 1.8], [12.0, 2.5]]),
     time_s=np.array([0.0, 1.0, 1.5]),
     states=np.array(THERE),
 )
@@ -50,7 +51,7 @@ def test_the_frame_has_a_row_for_each_vehicle_and_moment(tmp_path: Path) -> None
     frame = drl_av.episode_frame(tmp_path / "episode.npz")
     assert frame.columns.tolist() == [
         *("time_s", "id", "lane", "s_m", "y_m", "speed_m_s", "lateral_speed_m_s"),
-        *("acceleration_m_s2", "decision", "rule"),
+        *("acceleration_m_s2", "decision", "rule", "length_m", "width_m"),
     ]
     nan = math.nan
     rows = [
@@ -60,7 +61,10 @@ def test_the_frame_has_a_row_for_each_vehicle_and_moment(tmp_path: Path) -> None
         [1.0, "truck", 0, 20.0, 0.0, 29.0, 0.0, nan, "", ""],
         [1.5, "ego", 2, 38.0, 6.0, 18.0, 0.76, nan, "", ""],  # 6.0 m is nearer to 7.6 than to 3.8
     ]
-    assert str(frame.to_numpy().tolist()) == str(rows)
+    sizes = {"ego": [5.0, 1.8], "truck": [12.0, 2.5]}
+    assert str(frame.to_numpy().tolist()) == str([row + sizes[row[1]] for row in rows])
+    still = replace(EPISODE, time_s=np.array([0.0, 1.0, 1.0]))  # a decision of no duration
+    assert drl_av.episode_frame(still).time_s.tolist() == [0.0, 0.0, 1.0, 1.0]
 
 
 def test_the_file_names_its_columns_and_its_vehicles(tmp_path: Path) -> None:
@@ -69,7 +73,7 @@ def test_the_file_names_its_columns_and_its_vehicles(tmp_path: Path) -> None:
         assert file["columns"].tolist() == ["s_m", "y_m", "speed_m_s", "lateral_speed_m_s"]
         assert file["ids"].tolist() == ["ego", "truck"]
     replace(EPISODE, ids=np.array(["ego"])).save(tmp_path / "short.npz")
-    with pytest.raises(drl_av.errors.RecordingError, match="rules, ids or times do not fit"):
+    with pytest.raises(drl_av.errors.RecordingError, match="rules, ids, sizes or times do not"):
         load_recording(tmp_path / "short.npz")
 
 

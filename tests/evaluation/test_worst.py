@@ -10,9 +10,12 @@ from stable_baselines3 import PPO
 
 from drl_av.cli import main
 from drl_av.config import Config
+from drl_av.env.custom import NOTHING_CUSTOM
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.recording import load_recording
+from drl_av.evaluation.replay import worst_sessions
 from drl_av.evaluation.table import read_rows
+from drl_av.files.table import write_table
 
 
 @pytest.fixture
@@ -46,6 +49,18 @@ def test_the_worst_row_is_driven_again(table: list[dict[str, str]], capsys: Caps
         assert f"{told}exactly as recorded, {row['decisions']} de" in capsys.readouterr().out
         recording = load_recording(Path("worst.npz"))
         assert (recording.driver, recording.seed) == (row["driver"], int(row["seed"]))
+
+
+def test_a_collision_is_worse_than_any_near_miss(
+    table: list[dict[str, str]],
+) -> None:
+    farthest = max(table, key=lambda row: float(row["min_ttc_s"]))
+    for row in table:
+        row["collided"] = str(row is farthest)
+    assert len({row["min_ttc_s"] for row in table}) > 1
+    write_table(Path("rows.csv"), table[0], table)
+    [worst] = worst_sessions(Path("rows.csv"), "min_ttc_s", None, NOTHING_CUSTOM, None, 1)
+    assert (worst.name, worst.seed) == (farthest["driver"], int(farthest["seed"]))
 
 
 def test_a_named_driver_chooses_among_its_own_rows(table: list[dict[str, str]]) -> None:
