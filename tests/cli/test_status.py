@@ -37,7 +37,7 @@ def test_an_interrupt_that_a_library_swallows_is_one(capsys: Capsys) -> None:
 def test_a_stop_is_one_though_nobody_reads_that_it_is_and_a_thread_has_none() -> None:
     with stop_request() as stop, pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "write", lambda *_: os.stat("/no/file"))  # raises an OSError
-        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGTERM)
     assert stop.made
     with ThreadPoolExecutor() as pool, stop_request():
         assert not pool.submit(lambda: stop_request().__enter__().made).result()
