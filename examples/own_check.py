@@ -23,7 +23,7 @@ def two_seconds(scene: Scene, proposed: Action) -> Verdict:
     close = front is not None and front.gap_m < HEADWAY_S * scene.affordances.ego_speed_m_s
     if close and action.longitudinal == Longitudinal.ACCELERATE:
         slower = Action(action.lateral, Longitudinal.MAINTAIN)
-        return Verdict(slower, verdict.rule | Rule.IN_LANE)
+        return Verdict(slower, Rule.IN_LANE)
     return verdict
 
 

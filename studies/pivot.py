@@ -197,7 +197,7 @@ class Pivot:
     def best(self, key: Spec) -> str:
         """Return the label of the fastest driver that is not ours in the traffic that all drove."""
         rows = self._select(self.rows, key)
-        rivals = rows[~rows["driver"].isin(self.spec["ours"])]
+        rivals = rows[~rows["driver"].isin(self.spec.get("ours", ()))]
         met = rivals.groupby(traffic_of(rivals))["label"].transform("nunique")
         rivals = rivals[met == met.max()]
         speeds = dict(iter(rivals.groupby("label", sort=False)[SPEED]))

@@ -153,7 +153,7 @@ class FileStudy:
         return [
             Variant(
                 name,
-                tuple(own.get("drivers", rows.get("drivers", ()))),
+                tuple(dict.fromkeys(own.get("drivers", rows.get("drivers", ())))),
                 tuple(own.get("vehicles", rows.get("vehicles", ()))),
                 own.get("episodes", rows["seeds"]["count"]),
                 own.get("columns", {}),

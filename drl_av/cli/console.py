@@ -176,6 +176,8 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         print(printable(" ".join([f"{program}:", *str(error).split()])), file=sys.stderr)
         return 1
     except UnicodeEncodeError as error:
+        if not "\udc80" <= error.object[error.start] <= "\udcff":  # no byte of a name
+            raise
         name = printable(ascii(error.object))
         print(f"{program}: {name} is no text in {error.encoding}: rename it.", file=sys.stderr)
         return 1
@@ -208,6 +210,9 @@ def _interrupts() -> Iterator[None]:
     A library that swallows a KeyboardInterrupt in a callback, as LLVM's does, may fail a moment
     later with an error of its own. At the end of the block it is a KeyboardInterrupt again.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     swallowed, show = [], sys.unraisablehook
 
     def interrupt(number: int, frame: object) -> None:

@@ -47,7 +47,7 @@ class LearningConfig(Section):
     algorithm: str = setting("double-dqn", choices=ALGORITHMS)
     seed: int = setting(0, low=0, high=2**32 - 1)
     episodes: int = setting(10_000, low=1, high=10_000_000)
-    discount: float = setting(0.9, low=0.001, high=1)
+    discount: float = setting(0.9, low=0, high=1)
     learning_rate: float = setting(1e-4, low=0, high=1)
     learning_rate_end_fraction: float = setting(1.0, low=0, high=1)
     hidden_units: int = setting(100, low=1, high=10_000)
@@ -69,11 +69,6 @@ class LearningConfig(Section):
     evaluate_every: int = setting(100, low=1)
     evaluation_episodes: int = setting(10, low=1, high=10_000)
     checkpoint_every: int = setting(50, low=1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.replay == "two-buffer":
-            self.ordered("collisions_to_start", "collision_capacity")
 
 
 SPAN_M_S = 10.0

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from drl_av.config import Config
 from drl_av.config.functions import require_function
-from drl_av.drivers.driver import Driver
+from drl_av.drivers.driver import Driver, ask
 from drl_av.driving.actions import (
     ACTIONS,
     Action,
@@ -19,7 +19,7 @@ from drl_av.driving.actions import (
 )
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan_with
-from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.scene import LaneChange, Scene, unwritable
 from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, EGO_ID, Snapshot
 from drl_av.safety import action_mask
@@ -56,7 +56,7 @@ class SteadyDriver(Driver):
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the inner driver's proposal, without what it could not go on with."""
-        proposed = self.inner.act(scene, observation)
+        proposed = ask(self.inner, scene, observation)
         begins = proposed.lateral is not Lateral.KEEP and scene.lane_change is None
         if begins and not self._goes_on(scene, proposed):
             proposed = self._instead(scene, proposed, proposed._replace(lateral=Lateral.KEEP))
@@ -136,5 +136,6 @@ class PolicyDriver(Driver):
         Raises:
             ConfigError: the function returns anything but an integer from 0 to 11.
         """
-        observed = observation if self._observe is None else self._observe(scene)
+        with unwritable(self._observe, scene):
+            observed = observation if self._observe is None else self._observe(scene)
         return action_of(self._policy(observed))

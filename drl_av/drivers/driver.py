@@ -1,12 +1,13 @@
-"""The interface of the drivers of the ego."""
+"""The interface of the drivers of the ego, and how they are asked."""
 
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from drl_av.driving.actions import Action
-from drl_av.driving.scene import Scene
+from drl_av.driving.actions import ACTIONS, Action
+from drl_av.driving.scene import Scene, unwritable
+from drl_av.errors import ConfigError
 
 
 class Driver(Protocol):
@@ -23,5 +24,18 @@ class Driver(Protocol):
         """Return the action to propose in this scene.
 
         ``observation`` is the environment's observation of this scene. By default it holds the 27
-        affordance indicators, scaled to about [-1, 1].
+        affordance indicators, scaled to about [-1, 1]. The scene's arrays cannot be written: copy
+        what you roll forward.
         """
+
+
+def ask(driver: Driver, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    """Return what a driver, which may be the user's, proposes; ConfigError if it is no action."""
+    with unwritable(driver, scene):
+        action = driver.act(scene, observation)
+    if isinstance(action, Action) and action in ACTIONS:
+        return action
+    raise ConfigError(
+        f"The driver's act returned {action!r}, but must return an Action, such as "
+        "ACTIONS[number] of drl_av.driving.actions."
+    )

@@ -5,6 +5,7 @@ takes the most probable permitted action (ours).
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,18 +34,17 @@ def network_values(network: QNetwork) -> Values:
 
     The function raises ConfigError for an observation of another length than the network's.
     """
-    layers, observed = network.layers, network.sizes[0]
+    return partial(_values, network.layers, network.sizes[0])
 
-    def values(s: Float32Array) -> Float32Array:
-        if s.shape[-1] != observed:
-            raise ConfigError(
-                f"The observation has {s.shape[-1]} numbers, but this driver observes {observed}: "
-                "choose the environment and the observation of its training, such as "
-                "observation.way and no --observation (observation=)."
-            )
-        return forward(layers, s)[1]
 
-    return values
+def _values(layers: Layers, observed: int, s: Float32Array) -> Float32Array:
+    if s.shape[-1] != observed:
+        raise ConfigError(
+            f"The observation has {s.shape[-1]} numbers, but this driver observes {observed}: "
+            "choose the environment and the observation of its training, such as "
+            "observation.way and no --observation (observation=)."
+        )
+    return forward(layers, s)[1]
 
 
 def mirrored_values(values: Values, mirror: Mirror = MIRROR) -> Values:

@@ -3,10 +3,12 @@
 ``infer_action`` finds the action that explains two scenes of an ego that SUMO drives.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -132,6 +134,29 @@ class Scene:
 
 STILL_M = 1e-6
 """A lateral movement of at most this distance, metres, within a decision counts as none."""
+
+
+@contextmanager
+def unwritable(user: object, *scenes: Scene) -> Iterator[None]:
+    """Let an object or function of the user's not write the arrays of scenes in the block.
+
+    The world goes on with these arrays. Nothing changes for an object of this package.
+    """
+    module = (user if hasattr(user, "__qualname__") else type(user)).__module__ or ""
+    arrays: list[npt.NDArray[Any]] = []
+    if module.partition(".")[0] != __package__.partition(".")[0]:
+        for scene in scenes:
+            values, codes, *_ = scene.indicators
+            arrays += [
+                each for each in (*scene.snapshot[2:8], values, codes) if each.flags.writeable
+            ]
+    try:
+        for array in arrays:
+            array.flags.writeable = False
+        yield
+    finally:
+        for array in arrays:
+            array.flags.writeable = True
 
 
 def infer_action(

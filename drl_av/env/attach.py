@@ -9,7 +9,7 @@ from typing import Any
 
 from drl_av.config import Config
 from drl_av.drivers.checked import SteadyDriver
-from drl_av.drivers.driver import Driver
+from drl_av.drivers.driver import Driver, ask
 from drl_av.drivers.external import require_driver
 from drl_av.drivers.registry import DriverSpec, driving_config, find_driver, make_drivers
 from drl_av.drivers.rule_based import IdmSumoDriver, SumoDriver
@@ -174,7 +174,11 @@ class AttachedEgo:
             ``indicators`` and ``speed_m_s`` as in the environment's ``info``, and ``words``, which
             says what the ego does; None between decisions and once the vehicle has left the road.
         """
-        now_s, step_s = self._clock(), self._config.simulation.step_length_s
+        step_s = self._config.simulation.step_length_s
+        try:
+            now_s = self._clock()
+        except Exception as error:  # each client of SUMO has its own class
+            raise SimulationError(f"SUMO has ended ({error}): attach to one that runs.") from error
         if abs(now_s - self._last_s - step_s) > 1e-6 and not math.isnan(self._last_s):
             raise SimulationError(
                 f"SUMO's time is {now_s:g} s, but was {self._last_s:g} s when step was called "
@@ -197,7 +201,7 @@ class AttachedEgo:
         affordances = scene.affordances
         scale = ObservationScale(config.observation, config.ego.max_speed_m_s, road)
         observation = observation_function(self._groups, scale)(scene)
-        proposed = self._driver.act(scene, observation)
+        proposed = ask(self._driver, scene, observation)
         verdict = apply_check(self._check, scene, proposed)
         planned = plan(scene, verdict.action, config.ego, config.simulation)
         self._commands, self._lane_change = planned

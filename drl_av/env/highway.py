@@ -89,8 +89,9 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             )
         self.render_mode = render_mode
         config, own_check = with_check(settings_on(config, scenario), safety_check)
-        given = None, safety_check, config, render_mode, action_mask, reward, observation
-        gymnasium.utils.EzPickle.__init__(self, *given, sumo_options)
+        given = {"config": config, "render_mode": render_mode, "action_mask": action_mask}
+        parts = {"safety_check": safety_check, "reward": reward, "observation": observation}
+        gymnasium.utils.EzPickle.__init__(self, **given, **parts, sumo_options=sumo_options)
         self.config = config
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
@@ -104,8 +105,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         else:
             self.safety_check = named_check(config, types, self.road)
             self._check_name = config.safety.check
-        gui = render_mode == "human"
-        self._setups = traffic_setups(config, loaded, gui, sumo_options)
+        self._setups = traffic_setups(config, loaded, render_mode == "human", sumo_options)
         self.simulation, self.traffic_drivers = self._setups[0]
         self._own_reward = None if reward is None else custom_reward_of(reward)
         self.scale = ObservationScale(config.observation, config.ego.max_speed_m_s, self.road)

@@ -48,7 +48,7 @@ class EpisodeResult:
     lane_changes: int
     """Number of completed lane changes."""
     aborted_lane_changes: int
-    """Number of decisions in which the ego turns back in a lane change, maybe several in one."""
+    """Number of decisions in which the ego turns back; a lane change may have several."""
     min_ttc_s: PossiblyInfinite
     """Smallest time to collision with the vehicle ahead; inf if the gap never shrank. For this and
     the next column, the end of the ego's lane counts as a standing vehicle."""
@@ -95,7 +95,8 @@ USUAL = {"way": "", "world": "sumo", "group": ""}
 def leader(scene: Scene) -> Neighbor | None:
     """Return what the ego would run into in its lane: the next vehicle, or the lane's end.
 
-    A vehicle that reaches into the lane beside the ego, without overlapping it, is none.
+    A vehicle that reaches into the lane beside the ego, without overlapping it, is none; who is
+    ahead of that one does not count then, either.
     """
     front, shot = scene.affordances.own_front, scene.snapshot
     if front is None or front.gap_m > 0.0 or front.vehicle >= len(shot.ids):

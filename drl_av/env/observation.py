@@ -28,7 +28,7 @@ from drl_av.driving.affordances import (
     IntArray,
 )
 from drl_av.driving.observation_scale import ObservationScale
-from drl_av.driving.scene import Scene
+from drl_av.driving.scene import Scene, unwritable
 from drl_av.driving.wide_observation import MOST, WIDE_NAMES, WIDE_SIZE, observe_wide
 from drl_av.errors import ConfigError
 from drl_av.road.road import FloatArray
@@ -156,9 +156,12 @@ class OwnObservation:
 
     def __call__(self, scene: Scene) -> Any:
         """Return the user's observation; raise ConfigError if it does not lie in its space."""
-        observation = self._observe(scene)
+        with unwritable(self._observe, scene):
+            observation = self._observe(scene)
         try:
             if self.space.contains(observation):
+                if isinstance(self.space, gymnasium.spaces.Box):
+                    return np.array(observation, self.space.dtype)
                 return deepcopy(observation)  # the function may fill the same array again
             shape = np.shape(observation)
         except ValueError:  # a ragged sequence

@@ -3,13 +3,12 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from drl_av.drivers.driver import Driver
+from drl_av.drivers.driver import Driver, ask
 from drl_av.drivers.rule_based import SumoDriver
-from drl_av.driving.actions import Action
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.transition import Transition
-from drl_av.errors import ConfigError, warn
+from drl_av.errors import warn
 
 Watcher = Callable[[Transition], None]
 """A function that gets each decision of an episode."""
@@ -42,20 +41,10 @@ def rollout(
     while not over:
         number = 0
         if not isinstance(driver, SumoDriver):
-            number = _number(driver.act(env.scene, env.observation))
+            number = ask(driver, env.scene, env.observation).number
         decision = env.execute(number)
         over = decision.terminated or decision.truncated
         yield decision
-
-
-def _number(action: Action) -> int:
-    try:
-        return action.number
-    except AttributeError as error:
-        raise ConfigError(
-            f"The driver's act returned {action!r}, but must return an Action, such as "
-            "ACTIONS[number] of drl_av.driving.actions."
-        ) from error
 
 
 def drive(

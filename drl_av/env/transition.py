@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from drl_av.driving.actions import Action
 from drl_av.driving.maneuver import aborts
-from drl_av.driving.scene import Scene
+from drl_av.driving.scene import Scene, unwritable
 from drl_av.env.reward import Rewards
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import Collision
@@ -88,7 +88,8 @@ def custom_reward(function: RewardFunction, transition: Transition) -> float:
     Raises:
         ConfigError: the function does not return a finite number of size ``MOST_REWARD`` at most.
     """
-    reward = function(transition)
+    with unwritable(function, transition.scene, transition.next_scene):
+        reward = function(transition)
     if isinstance(reward, int | float | np.number) and abs(reward) <= MOST_REWARD:
         return float(reward)
     raise ConfigError(

@@ -183,7 +183,7 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
     for name, driver in own.items():
         if not isinstance(name, str) or not name:
             raise ConfigError(f"own names a driver {name!r}, but a name must be a text.")
-        if name in driver_names():
+        if name.partition("@")[0] in driver_names():
             raise ConfigError(f"own names a driver {name!r}, as one of ours: choose another name.")
         require_driver(driver, f"The driver {name!r} in own", name)
         if name in [spec.name for spec in specs]:

@@ -116,7 +116,8 @@ def load_recording(path: Path) -> Recording:
     try:
         parts = _parts(path)
         expected = str(parts.pop("sha256"))
-        arrays: dict[str, Any] = {name: parts[name] for name in ARRAYS}
+        before = {"sizes_m": np.full((len(parts["ids"]), 2), np.nan)}  # of an older version
+        arrays: dict[str, Any] = {name: (before | parts)[name] for name in ARRAYS}
         recording = Recording(
             config=from_toml(str(parts["config"]), name="its config"),
             driver=printable(str(parts["driver"])),
@@ -202,16 +203,12 @@ def recording_of(
     moments = [decisions[0].scene.snapshot, *(made.next_scene.snapshot for made in decisions)]
     names = dict.fromkeys(name for shot in moments for name in shot.ids)
     rows = {name: row for row, name in enumerate(names)}
-    states, sizes_m = (
-        np.full((len(moments), len(rows), len(COLUMNS)), np.nan),
-        np.zeros((len(rows), 2)),
-    )
+    states = np.full((len(moments), len(rows), len(COLUMNS)), np.nan)
+    sizes_m = np.zeros((len(rows), 2))
     for moment, shot in enumerate(moments):
         there = [rows[name] for name in shot.ids]
-        states[moment, there], sizes_m[there] = (
-            states_of(shot),
-            np.stack((shot.length_m, shot.width_m), 1),
-        )
+        states[moment, there] = states_of(shot)
+        sizes_m[there] = np.stack((shot.length_m, shot.width_m), axis=1)
     return Recording(
         env.config,
         driver,

@@ -267,12 +267,11 @@ def worst_sessions(
     sign = 1.0 if column.startswith(LOW_IS_WORSE) else -1.0
 
     def badness(row: EpisodeResult) -> tuple[bool, float]:
-        of_all = row.decisions if column.startswith("comfortable") else 1
-        return not (row.collided and column in NEARNESS), sign * getattr(row, column) / of_all
+        return not (row.collided and column in NEARNESS), sign * getattr(row, column)
 
     given = _given(word, table, [*dict.fromkeys(row.driver for row in results)])
     chosen = [row for row in results if word is None or row.driver in given]
-    if len({getattr(row, column) for row in chosen}) == 1 and len(chosen) > count:
+    if len({*map(badness, chosen)}) == 1 and len(chosen) > count:
         raise ConfigError(f"All {len(chosen)} episodes have the same {column}: name another one.")
     worst = sorted(chosen, key=badness)[:count]
     specs = _specs({row.driver: row.group for row in worst}, given)

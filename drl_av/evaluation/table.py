@@ -211,14 +211,14 @@ class ResultTable:
         stored = {name: asdict(config) for name, config in settings.items()}
         facts["settings"] = stored.get("", stored)
         made = provenance(next(iter(settings.values())), **facts)
-        before, makers = [*self._former.get("before", [])], ("python", *PACKAGES, "machine")
+        before, makers = [*self._former.get("before", [])], ("python", *PACKAGES, "machine", "blas")
         if self._former and any(self._former.get(name) != made[name] for name in makers):
             before.append({name: self._former.get(name) for name in ("command", "date", *makers)})
         return {**made, "before": before} if before else made
 
 
 def _ranges(numbers: Collection[int]) -> str:
-    """Return whole numbers in words, such as "0 to 9, 20 to 20"."""
+    """Return whole numbers in words, such as "0 to 9, 20 to 29"."""
     begins, ends = ([n for n in sorted(numbers) if n + side not in numbers] for side in (-1, 1))
     return ", ".join(f"{begin} to {end}" for begin, end in zip(begins, ends, strict=True))
 

@@ -53,7 +53,7 @@ def episode_frame(recording: Recording | str | Path) -> Any:
     decision[:-1, EGO] = [str(ACTIONS[number]) for number in recording.executed]
     rule[:-1, EGO] = recording.rules
     shown = ~np.isnan(states[:, :, 0])
-    if time_s[-1] == time_s[-2]:  # the ego left the lanes in the first SUMO step
+    if time_s[-1:] == time_s[-2:-1]:  # the ego left the lanes in the first SUMO step
         shown[-1] = False
     moment, vehicle = there = np.nonzero(shown)
     frame = {
@@ -84,6 +84,7 @@ def require_parquet() -> None:
 
 def write_parquet(recording: Recording, path: Path) -> None:
     """Write ``episode_frame`` as a Parquet file, atomically; DrlAvError if that is impossible."""
+    require_parquet()
     write_atomic(path, episode_frame(recording).to_parquet(None, index=False))
 
 

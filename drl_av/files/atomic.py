@@ -220,7 +220,8 @@ def _refused(path: Path, refusal: OSError, error: type[DrlAvError]) -> DrlAvErro
     if refusal.errno == errno.ENOTEMPTY:
         return error(f"{path} has been made meanwhile, with files in it: choose another folder.")
     if refusal.errno == errno.EBUSY:
-        return error(f"{path} is a mount point, which stays: name a folder in it.")
+        other = "a folder in it" if path.is_dir() else "a file in another folder"
+        return error(f"{path} is a mount point, which stays: name {other}.")
     return error(
         f"{path} cannot be written ({refusal.strerror or refusal}): free some space, or choose a "
         "folder that exists and may be written to; what was there before is unchanged."

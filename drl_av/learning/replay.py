@@ -181,9 +181,8 @@ class Buffer(Protocol):
 class TwoBuffers(Buffer):
     """The paper's safe buffer Buf_S and collision buffer Buf_C.
 
-    The share ``collision_fraction`` of each batch comes from Buf_C, at least one row unless it is
-    0. If one of the two is empty, the
-    whole batch comes from the other one.
+    The share ``collision_fraction`` of each batch, at least one row if it is above 0, comes from
+    Buf_C. If one of the two is empty, the whole batch comes from the other one.
     """
 
     def __init__(self, observation_size: int, config: LearningConfig) -> None:

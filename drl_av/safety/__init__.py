@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config
+from drl_av.config.functions import is_factory
 from drl_av.config.section import not_one_of
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
@@ -50,10 +51,12 @@ def named_check(
     """
     name = config.safety.check
     if ":" in name:
+        by_name = f"name it with --safety-check {name} (safety_check=)"
+        way = by_name if is_factory(name) else "pass it as safety_check= of Python"
         raise ConfigError(
-            f"safety.check is {name!r}, a function of a user, which no file may run: name it with "
-            f"--safety-check {name} (safety_check=) if you trust it; within a function that makes "
-            "a check, name another one: config.updated('safety', check='paper')."
+            f"safety.check is {name!r}, a function of a user, which no file may run: {way} if you "
+            "trust it, or another one (RUN@paper); within a function that makes a check, name "
+            "another one: config.updated('safety', check='paper')."
         )
     if name not in CHECKS:
         raise ConfigError(not_one_of("safety.check", name, CHECKS))

@@ -116,9 +116,10 @@ def _require_model(
 ) -> None:
     """Raise ConfigError if a vehicle type has another SUMO model or parameter than ``written``.
 
-    The attributes ``free`` may differ.
+    The attributes ``free`` may differ. With lanes that are divided, SUMO's default is SL2015.
     """
-    changed = sorted({key for key, _ in set(found.model) ^ set(written.model)} - set(free))
+    its = {"laneChangeModel": "SL2015", **dict(found.model)}.items()
+    changed = sorted({key for key, _ in its ^ set(written.model)} - set(free))
     if changed:
         key = changed[0]
         values = [dict(kind.model).get(key, "the default of SUMO") for kind in (written, found)]

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from enum import Flag, auto
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from drl_av.driving.actions import ACTIONS, Action
-from drl_av.driving.scene import Scene
+from drl_av.driving.scene import Scene, unwritable
 from drl_av.errors import ConfigError, printable
 
 
@@ -86,7 +86,8 @@ def whole_verdicts(check: SafetyCheck, scene: Scene) -> Verdicts | None:
     """
     if not isinstance(check, WholeCheck) or type(check).__call__ is not WholeCheck.__call__:
         return None
-    found = check.verdicts(scene)
+    with unwritable(type(check).verdicts, scene):
+        found = check.verdicts(scene)
     is_ours = type(check).verdicts.__module__.startswith("drl_av.")
     return found if is_ours else _require_verdicts(found)
 
@@ -117,17 +118,8 @@ def apply_check(check: SafetyCheck, scene: Scene, proposed: Action) -> Verdict:
         ConfigError: the check did not return a Verdict with one of the 12 actions and a Rule or a
             text, or replaced the action and named no rule.
     """
-    arrays: list[npt.NDArray[Any]] = []
-    if check is not permit_all:
-        values, codes, *_ = scene.indicators
-        arrays = [each for each in (*scene.snapshot[2:8], values, codes) if each.flags.writeable]
-    try:
-        for array in arrays:
-            array.flags.writeable = False
+    with unwritable(check, scene):
         verdict = check(scene, proposed)
-    finally:
-        for array in arrays:
-            array.flags.writeable = True
     is_verdict = isinstance(verdict, Verdict) and isinstance(verdict.rule, Rule | str)
     is_action = is_verdict and isinstance(verdict.action, Action)
     if not is_action or verdict.action not in ACTIONS:

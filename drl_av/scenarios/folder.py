@@ -190,6 +190,8 @@ def _own_types(types: Sequence[Mapping[str, str]], name: str) -> list[CustomVehi
     """
     try:
         shares = [number_of({"probability": "1", **each}, "probability") for each in types]
+        if types and sum(shares) <= 0:
+            raise ScenarioError("each probability is 0: set that of the types that are to drive")
         return [
             CustomVehicleType.of_sumo(each, share / sum(shares))
             for each, share in zip(types, shares, strict=True)

@@ -43,6 +43,19 @@ def test_a_stop_is_one_though_nobody_reads_that_it_is_and_a_thread_has_none() ->
         assert not pool.submit(lambda: stop_request().__enter__().made).result()
 
 
+def test_what_is_closed_is_the_null_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    assert exit_status("drl-av", lambda: sys.stdout.write("x") - 1) == 0
+
+
+def test_nohup_stays() -> None:
+    former = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with stop_request() as stop:
+        signal.raise_signal(signal.SIGHUP)
+    signal.signal(signal.SIGHUP, former)
+    assert not stop.made
+
+
 def test_a_name_of_bytes_that_are_no_text_is_one_sentence(capsys: Capsys) -> None:
     assert exit_status("drl-av", lambda: len(os.fsdecode(b"caf\xe9.csv").encode())) == 1
     assert capsys.readouterr().err == "drl-av: 'caf\\udce9.csv' is no text in utf-8: rename it.\n"

@@ -125,7 +125,7 @@ def test_a_collision_after_half_a_decision_is_shown_when_it_happens(page: Path) 
         assert "0.0 s of 1.5 s" in browser(page, nonsense, "--dump-dom")
     shots[2] = shots[1]  # a decision of no duration
     write_page(page, ROAD, [PageEpisode("hit", snapshots=shots, decisions=[KEEP, BRAKE])])
-    assert "ego hit the vehicle" in browser(page, 1.0, "--dump-dom")
+    assert "<td>collision</td><td>ego hit the veh" in browser(page, 1.0, "--dump-dom")
 
 
 def test_on_a_short_loop_the_road_goes_on_and_a_vehicle_is_seen_a_lap_away(page: Path) -> None:

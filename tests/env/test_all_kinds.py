@@ -76,7 +76,8 @@ def test_on_an_open_road_an_episode_has_the_vehicles_of_its_kind_in_the_twin_too
     for config in (ramp, twin):
         with closing(HighwayEnv(config=config)) as env:
             found.append([env.reset(seed=seed)[1]["vehicles"] for seed in seeds])
-    assert found == [[65, 65, 38, 38]] * 3
+            found.append([env.fleet_of(seed).default_vehicle_count for seed in seeds])
+    assert found == [[65, 65, 38, 38]] * 5
 
 
 def test_all_kinds_take_the_settings_beside_them() -> None:

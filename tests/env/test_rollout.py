@@ -102,9 +102,10 @@ def test_without_a_number_of_vehicles_the_environment_draws_it() -> None:
 
 def test_a_driver_that_returns_a_number_is_told_to_return_an_action() -> None:
     env, driver, _ = scripted(1)
-    driver.act = lambda scene, observation: 3  # type: ignore[assignment, method-assign]
-    with pytest.raises(ConfigError, match="act returned 3, but must return an Action"):
-        list(rollout(env, driver, 5))
+    for wrong in (3, Action(2, 7)):  # type: ignore[arg-type]
+        driver.act = lambda *_, wrong=wrong: wrong  # type: ignore[assignment, method-assign]
+        with pytest.raises(ConfigError, match=r"act returned .*, but must return an Action"):
+            list(rollout(env, driver, 5))
 
 
 @pytest.mark.parametrize("terminated", [True, False])

@@ -114,7 +114,7 @@ def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None
         ({"drivers": "nowhere/agent.zip"}, r"There is no file nowhere/agent\.zip"),
         ({"vehicles": [None]}, "vehicles is None, but must be a whole number"),
         ({"vehicles": []}, "vehicles names no number of vehicles: name one, or leave it out"),
-        ({"drivers": "idm", "own": {"gap-mobil": Brakes()}}, "'gap-mobil', as one of ours"),
+        ({"drivers": "idm", "own": {"idm@strict": Brakes()}}, "'idm@strict', as one of ours"),
         ({"traffic": "calmm"}, "did you mean 'calm'"),
         ({"safety_check": "strickt"}, "did you mean 'strict'"),
         ({"config": {"trafic": {}}}, "did you mean 'traffic'"),

@@ -93,6 +93,7 @@ def test_sumos_own_tool_reads_the_floating_car_data_and_they_are_the_recorded_ep
     subprocess.run([sys.executable, tool, "fcd.xml", "-o", "fcd.csv", "-s", ","], check=True)
     rows = {(row["timestep_time"], row["vehicle_id"]): row for row in read_rows(Path("fcd.csv"))}
     frame = drl_av.episode_frame("e.npz")
+    assert {*frame.length_m, *-frame.width_m} == {5.0, -1.8}
     assert len(rows) == 2 * (len(frame) - 5)  # two SUMO steps a decision; not the start
     for row in frame[frame.time_s > 0].itertuples():
         stamp = f"{row.time_s - 0.5:.3f}"  # SUMO names a step by its begin

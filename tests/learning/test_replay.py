@@ -73,9 +73,12 @@ def test_uniform_buffer_takes_collisions_as_often_as_they_are():
 
 
 def test_a_collision_buffer_that_is_too_small_for_learning_to_start_is_refused():
-    with pytest.raises(ConfigError, match="collisions_to_start <= collision_capacity must hold"):
-        LearningConfig(collisions_to_start=51, collision_capacity=50)
-    LearningConfig(collisions_to_start=51, collision_capacity=50, replay="uniform")
+    small = {"collisions_to_start": 51, "collision_capacity": 50}
+    with pytest.raises(ConfigError, match="is 51, but the collision buffer holds 50"):
+        make_buffer(LearningConfig(**small), 2)
+    with pytest.raises(ConfigError, match=r"above 0, or learning\.replay to two-buffer"):
+        make_buffer(LearningConfig(**small, replay="uniform", discount=0.0), 2)
+    make_buffer(LearningConfig(**small, replay="uniform"), 2)
 
 
 def test_config_names_the_buffer():

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from drl_av.config import Config
-from drl_av.drivers.checked import PolicyDriver
+from drl_av.drivers.checked import PolicyDriver, SteadyDriver
 from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.errors import ConfigError
 from drl_av.safety import CHECKS, action_mask, named_check
-from drl_av.safety.check import Rule, Verdict, Verdicts, WholeCheck, apply_check
+from drl_av.safety.check import Rule, Verdict, Verdicts, WholeCheck, apply_check, permit_all
 from drl_av.safety.paper import Paper
 
 ID = "drl_av/Highway-v0"
@@ -164,6 +164,31 @@ def test_a_check_cannot_write_the_scene_with_which_the_world_goes_on() -> None:
             with pytest.raises(ValueError, match="read-only"):
                 asked()
         assert env.scene.snapshot.s_m.flags.writeable
+
+
+class Rolls(WholeCheck):
+    """A driver, an observation and a check that rolls forward in place."""
+
+    space = gymnasium.spaces.Discrete(2)
+
+    def act(self, scene: Scene, observation: object = None) -> Action:
+        scene.snapshot.s_m[1:] += 30.0
+        raise AssertionError("the scene was written")
+
+    start = verdicts = __call__ = act  # type: ignore[assignment]
+
+
+def test_nothing_of_the_user_s_can_write_the_scene() -> None:
+    rolls, whole = Rolls(), type("Whole", (WholeCheck,), {"verdicts": Rolls.act})()
+    reward = {"reward": lambda made: rolls.act(made.next_scene)}
+    rolls.start = lambda seed: None  # type: ignore[method-assign]
+    steady = SteadyDriver(rolls, permit_all, SHORT.updated("driver", hold_s=2.0))
+    keep: Any = PolicyDriver(lambda observation: 0)
+    parts = {"safety_check": whole}, {"observation": rolls}, reward, {}, {}
+    for own, driver in zip(parts, (keep, keep, keep, rolls, steady), strict=True):
+        env, refused = HighwayEnv(config=SHORT, **own), pytest.raises(ValueError, match="read-only")
+        with closing(env), refused:
+            drive(env, driver, "mine", 1, 5)
 
 
 def test_a_rule_may_have_any_name() -> None:
