@@ -224,9 +224,7 @@ def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
     At both ends of the curve the mean is over fewer values.
     """
     half = over // 2
-    return np.array(
-        [np.mean(values[max(0, place - half) : place + half + 1]) for place in range(len(values))]
-    )
+    return np.array([np.mean(values[max(0, k - half) : k + half + 1]) for k in range(len(values))])
 
 
 def _end_of(count: int) -> int:

@@ -77,6 +77,8 @@ class Options(NamedTuple):
         """
         for settings in own:
             config = changed(config, settings)
+        if str(QUICK) in self.config:  # which replaces what a study sets
+            config = with_files(config, [str(QUICK)])
         made = self.with_files(config)
         for section, values in (named for each in own for named in each.items()):
             before, after = asdict(getattr(config, section)), asdict(getattr(made, section))

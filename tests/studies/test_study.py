@@ -17,7 +17,7 @@ from drl_av.scenarios.highways import StraightDescription
 from drl_av.simulation.inflow import vehicles_of_flow
 from studies.__main__ import main
 from studies.engine import draw, make, require_shared
-from studies.options import FOLDER, Options
+from studies.options import FOLDER, QUICK, Options
 from studies.pivot import markdown
 from studies.registry import PROGRAMS, STUDIES
 from studies.study import FileStudy
@@ -140,6 +140,12 @@ def test_a_file_that_is_no_study_is_one_sentence(
 
 def with_settings(*settings: str) -> Options:
     return Options(config=settings)
+
+
+def test_a_quick_form_replaces_what_a_study_sets() -> None:
+    quick = Options(config=(str(QUICK),))
+    made = quick.settings(Config(), {"simulation": {"decisions_per_episode": 30}})
+    assert made.simulation.decisions_per_episode == 20
 
 
 def test_settings_of_the_user_reach_all_drivers_of_every_kind_of_traffic() -> None:
