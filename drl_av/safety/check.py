@@ -86,10 +86,10 @@ def whole_verdicts(check: SafetyCheck, scene: Scene) -> Verdicts | None:
     """
     if not isinstance(check, WholeCheck) or type(check).__call__ is not WholeCheck.__call__:
         return None
+    if type(check).verdicts.__module__.startswith("drl_av."):
+        return check.verdicts(scene)
     with unwritable(type(check).verdicts, scene):
-        found = check.verdicts(scene)
-    is_ours = type(check).verdicts.__module__.startswith("drl_av.")
-    return found if is_ours else _require_verdicts(found)
+        return _require_verdicts(check.verdicts(scene))
 
 
 def _require_verdicts(verdicts: Verdicts) -> Verdicts:
