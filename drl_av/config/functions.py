@@ -1,4 +1,4 @@
-"""Imports functions of the user, such as a reward, and checks which arguments they take."""
+"""Functions of the user, such as a reward: imports them, and checks which arguments they take."""
 
 import hashlib
 import importlib.util
@@ -11,6 +11,12 @@ from typing import Any
 from drl_av.errors import ConfigError
 
 _NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+
+
+def is_users(part: object) -> bool:
+    """Return whether a function, or the class of an object, is not of this package."""
+    module = (part if hasattr(part, "__qualname__") else type(part)).__module__ or ""
+    return module.partition(".")[0] != __package__.partition(".")[0]
 
 
 def is_factory(word: str) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drl_av.config import Config, ObservationConfig
+from drl_av.config.functions import is_users
 from drl_av.driving.actions import Action, Lateral, nearest_action, toward
 from drl_av.driving.affordances import Affordances, Indicators, affordances_of, compute_indicators
 from drl_av.errors import ConfigError
@@ -142,14 +143,10 @@ def unwritable(user: object, *scenes: Scene) -> Iterator[None]:
 
     The world goes on with these arrays. Nothing changes for an object of this package.
     """
-    module = (user if hasattr(user, "__qualname__") else type(user)).__module__ or ""
     arrays: list[npt.NDArray[Any]] = []
-    if module.partition(".")[0] != __package__.partition(".")[0]:
-        for scene in scenes:
-            values, codes, *_ = scene.indicators
-            arrays += [
-                each for each in (*scene.snapshot[2:8], values, codes) if each.flags.writeable
-            ]
+    for scene in scenes if is_users(user) else ():
+        values, codes, *_ = scene.indicators
+        arrays += [each for each in (*scene.snapshot[2:8], values, codes) if each.flags.writeable]
     try:
         for array in arrays:
             array.flags.writeable = False

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.config.functions import is_users
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene, unwritable
 from drl_av.errors import ConfigError, printable
@@ -86,9 +87,9 @@ def whole_verdicts(check: SafetyCheck, scene: Scene) -> Verdicts | None:
     """
     if not isinstance(check, WholeCheck) or type(check).__call__ is not WholeCheck.__call__:
         return None
-    if type(check).verdicts.__module__.startswith("drl_av."):
+    if not is_users(type(check).verdicts):
         return check.verdicts(scene)
-    with unwritable(type(check).verdicts, scene):
+    with unwritable(check.verdicts, scene):
         return _require_verdicts(check.verdicts(scene))
 
 
