@@ -86,7 +86,7 @@ class Scene:
             width_m: Widths of the bodies.
             lanes: Number of lanes.
             lane_width_m: Width of each lane.
-            lane_change: The ego's lane change in progress.
+            lane_change: The ego's lane change in progress; the ego is in one of its two lanes.
 
         Raises:
             ConfigError: the arrays do not fit together, a value is not finite, a body has no size,
@@ -106,15 +106,16 @@ class Scene:
         there = int(lanes) if isinstance(lanes, Integral) else 0
         road = Road(OPEN_LAP_M, float(lane_width_m), (True,) * there, end_m=OPEN_LAP_M)
         fits = 0.0 < lane_width_m < OPEN_LAP_M and is_open(road.lane_of(arrays[1, EGO]), road)
-        if lane_change is not None:
+        if fits and lane_change is not None:
             origin, target, _ = lane_change
-            fits &= abs(target - origin) == 1 and is_open(origin, road) and is_open(target, road)
+            fits = abs(target - origin) == 1 and is_open(origin, road) and is_open(target, road)
+            fits = fits and road.lane_of(arrays[1, EGO]) in (origin, target)
         if not fits:
             raise ConfigError(
                 f"A road of {lanes!r} lanes of {lane_width_m!r} m cannot have the ego at y_m = "
                 f"{arrays[1, EGO]:g} with lane_change {lane_change}: give lanes a whole number "
                 "from 1 on, lane_width_m metres, an ego in a lane, where the centre of lane k is "
-                "at k * lane_width_m, left positive, and a change from one lane to the next."
+                "at k * lane_width_m, left positive, and a change between its lane and the next."
             )
         ids = "ego", *map(str, range(1, len(arrays[0])))
         shot = Snapshot(0.0, ids, *arrays)

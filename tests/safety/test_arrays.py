@@ -120,9 +120,10 @@ def test_the_arrays_of_an_episode_in_sumo_give_the_verdicts_of_the_environment()
         ({"lanes": 2.5}, "2.5 lanes of 3.8 m cannot"),
         ({"lanes": -1}, "-1 lanes of 3.8 m cannot"),
         ({"lanes": None}, "None lanes of 3.8 m cannot"),
-        ({"lane_change": LaneChange(0, 7)}, r"origin=0, target=7.*from one lane to the next"),
+        ({"lane_change": LaneChange(0, 7)}, r"origin=0, target=7.*between its lane and the next"),
         ({"lane_change": LaneChange(2, 3)}, "origin=2, target=3"),
         ({"lane_change": LaneChange(0, 2)}, "origin=0, target=2"),
+        ({"lane_change": LaneChange(0, 1), "y_m": 7.6}, "y_m = 7.6 with .*origin=0, target=1"),
         ({"lane_change": LaneChange(0, -1)}, "origin=0, target=-1"),
     ],
 )
