@@ -313,7 +313,7 @@ def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
     has it.
 
     Raises:
-        RunError: the experience has other rewards or another discount.
+        RunError: the experience has other rewards, or another gap condition (eq. 3) or discount.
         CheckpointError: a file is damaged, or does not fit the settings of this training.
     """
     tensors, numbers = training.state()
@@ -334,11 +334,15 @@ def warm_start(training: Training, policy_file: Path, reward: str = "") -> bool:
 def _require_its_rewards(run: Path, found: Mapping[str, Any], config: Config, reward: str) -> None:
     """Raise RunError unless the experience of a checkpoint has the rewards of this training."""
     was, before = str(dict(found.get("custom", {})).get("reward", "")), from_toml(found["config"])
-    then = was, before.reward, before.learning.discount
-    if then != (reward, config.reward, config.learning.discount):
+    then, now = (
+        (c.reward, c.learning.discount, c.safety.minimum_gap_m, c.safety.minimum_ttc_s)
+        for c in (before, config)
+    )
+    if (was, then) != (reward, now):
         how = f"with --reward {_without_digest(was)}" if was else "without --reward"
         raise RunError(
-            f"{run} was trained {how} and with the [reward] and learning.discount of its "
-            "config.toml, which its experience has: give all, and their files, as they were then, "
-            "or move its checkpoint.safetensors away to adapt without that experience."
+            f"{run} was trained {how} and with the [reward], learning.discount and gap condition "
+            "(safety.minimum_gap_m, minimum_ttc_s) of its config.toml, which its experience has: "
+            "give all, and their files, as they were then, or move its checkpoint.safetensors away "
+            "to adapt without that experience."
         )

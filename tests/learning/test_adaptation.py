@@ -285,9 +285,9 @@ def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(
     assert not Path("on").exists()
     words = [*again, "--reward", "mine:one"]
     capsys.readouterr()
-    for setting in ("learning.discount=0.5", "reward.collision_reward=-30"):
-        assert main([*words, "-o", setting]) == 1
-        assert "[reward] and learning.discount of its config.toml" in error_message(capsys)
+    for name in ("learning.discount=0.5", "reward.collision_reward=-30", "safety.minimum_gap_m=9"):
+        assert main([*words, "-o", name]) == 1
+        assert "[reward], learning.discount and gap condition" in error_message(capsys)
     assert main([*words, "--sumo-options=--no-such-option 3"]) == 1
     assert "--resume" in error_message(capsys)
     assert main(["adapt", "--out", "on", "--resume"]) == 1
