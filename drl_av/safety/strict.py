@@ -72,8 +72,9 @@ check compares with the vehicles behind. ``cut_in_gap`` then takes ``ego.acceler
 **Limits.** The ego may hit a vehicle that breaks a bound. A vehicle that does not stay behind the
 ego may hit the ego. The vehicles of our traffic break two bounds in rare cases, which
 ``docs/results/long_run.txt`` counts by cause: SUMO brakes them too late behind an ego that brakes
-hard (bound 4), and a driver may cut in by the positions of the previous SUMO step (bound 3). If a
-vehicle requests an interrupted lane change again, SUMO resumes it even into a vehicle beside it.
+hard, and lets one that changes to another lane come too near (bound 4), and a driver may cut in by
+the positions of the previous SUMO step (bound 3). If a vehicle requests an interrupted lane change
+again, SUMO resumes it even into a vehicle beside it.
 ``safety/assumptions.py`` refuses, with the bound or the lemma (``verification``) that fails:
 
 - *following*, *hand-over*: braking of the ego above ``braking_m_s2``, or below that of followers.
