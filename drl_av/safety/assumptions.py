@@ -59,7 +59,7 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
         free = () if name == vehicle_types.traffic_id else PER_VEHICLE
         _require_model(name, traffic, AS_WRITTEN.traffic, free)
         _require_one_vehicle_abreast(config, met, road, name)
-        _require_narrow_vehicles(config, met, road)
+        _require_narrow_vehicles(config, met, road, name)
         _require_a_long_loop(config, met, road)
     _require_model("ego", vehicle_types.ego, AS_WRITTEN.ego)
     _require_a_decision_on_the_line(config, vehicle_types.ego, road)
@@ -163,13 +163,15 @@ def _widths_m(config: Config, vehicle_types: VehicleTypes) -> dict[str, float]:
     return widths_m
 
 
-def _require_narrow_vehicles(config: Config, vehicle_types: VehicleTypes, road: Road) -> None:
+def _require_narrow_vehicles(
+    config: Config, vehicle_types: VehicleTypes, road: Road, label: str
+) -> None:
     """Raise ConfigError if a vehicle within ``ARRIVED_M`` of a centre may be in two lanes."""
     most_m = road.lane_width_m - 2 * ARRIVED_M
     for name, width_m in _widths_m(config, vehicle_types).items():
         if width_m > most_m + ROUNDING_M:
             raise _refusal(
-                name,
+                name.replace("type traffic", f"type {label}"),
                 f"at most {most_m:g}, and not {width_m:g}",
                 "bound 3 fails: a wider vehicle overlaps the next lane while it keeps its own",
             )

@@ -203,6 +203,11 @@ def test_strict_accepts_another_size_and_refuses_another_model(tmp_path: Path) -
     ):
         HighwayEnv(tmp_path / "tight", "strict")
     HighwayEnv(tmp_path / "tight", "paper").close()
+    write_scenario(
+        tmp_path / "wide", ScenarioDescription(vehicle_types=(replace(close, width_m=3.75),))
+    )
+    with pytest.raises(ConfigError, match=r"width of the vehicle type close must be at most 3\.7,"):
+        HighwayEnv(tmp_path / "wide", "strict")
 
 
 @pytest.mark.parametrize(
