@@ -75,7 +75,7 @@ def command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder of the results (default: docs/results)"
     )
-    config_files(parser, "each study's")
+    config_files(parser, "those of all drivers, but none that a study itself sets")
     return parser
 
 
