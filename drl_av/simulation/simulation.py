@@ -34,7 +34,11 @@ from drl_av.simulation.gui_camera import Color, GuiCamera
 from drl_av.simulation.population import DriverModel, Population
 from drl_av.simulation.speed_requests import SpeedRequests
 from drl_av.simulation.start_sumo import acquire, connection, require_display, start
-from drl_av.simulation.sumo_options import option_words, require_what_the_ego_sees
+from drl_av.simulation.sumo_options import (
+    option_words,
+    require_nothing_unseen,
+    require_what_the_ego_sees,
+)
 from drl_av.simulation.vehicle_calls import (
     EgoModel,
     StateReader,
@@ -265,6 +269,7 @@ class Simulation:
         strip_m = timing.strip_width_m(self.road.lane_width_m)
         config = self._config.updated("simulation", lateral_resolution_m=strip_m)
         start(self._sumo, files, seed, config, view, self._sumo_options)
+        require_nothing_unseen(self._sumo)
         longest_s = timing.decisions_per_episode * timing.decision_interval_s
         for name in self.scenario.layout.routes:
             self._sumo.route.add(name, self.scenario.layout.route(name, longest_s * limit_m_s))

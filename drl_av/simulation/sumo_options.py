@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 
 from drl_av.config import Config
 from drl_av.errors import ConfigError, ScenarioError
@@ -32,7 +33,7 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
         )
     parted = [part for word in words for part in word.split("=", word.startswith("--"))]
     for name in (word.lstrip("-") for word in parted if word.startswith("-")):
-        if name in ("r", "route-files"):
+        if name in ("r", "route-files", "routes"):
             raise ConfigError(
                 f"sumo_options has -{'-' * (len(name) > 1)}{name}, but drl-av places the vehicles: "
                 "put types into an additional file, or drive with drl_av.attach in a simulation of "
@@ -49,6 +50,8 @@ MOVES = {
         "a vehicle or a person that the ego does not see",
     ),
     "variableSpeedSign": "a speed limit that the ego does not see",
+    "rerouter": "closed lanes or new routes that the ego does not see",
+    "vaporizer": "a place where vehicles vanish",
 }
 """Elements of an additional file that the ego would have to see, and what each of them adds."""
 WRITES = re.compile(
@@ -73,6 +76,20 @@ def require_what_the_ego_sees(words: Sequence[str]) -> None:
                 f"The additional file {name} has <{each.tag}>, {adds}: leave it out, or drive with "
                 "drl_av.attach in a simulation of your own."
             )
+
+
+def require_nothing_unseen(sumo: ModuleType) -> None:
+    """Raise ConfigError if SUMO has loaded what the ego would not see, whatever file has it.
+
+    ``sumo`` is the module libsumo or traci, in which SUMO has started without vehicles of ours.
+    """
+    unseen = sumo.variablespeedsign, sumo.calibrator, sumo.rerouter
+    if sumo.simulation.getMinExpectedNumber() or any(each.getIDCount() for each in unseen):
+        raise ConfigError(
+            "By sumo_options SUMO has loaded vehicles, persons, calibrators, rerouters or variable "
+            "speed signs, which the ego does not see: leave out the file that has them, or drive "
+            "with drl_av.attach in a simulation of your own."
+        )
 
 
 def require_one_process(given: str | Sequence[str]) -> None:

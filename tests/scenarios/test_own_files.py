@@ -1,5 +1,6 @@
 """The user's own SUMO files and options: what a folder may hold, and what only the user may say."""
 
+import gzip
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -169,7 +170,7 @@ def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
         ("-r mine.rou.xml", "sumo_options has -r, but drl-av places the vehicles"),
         ("-g my.view.xml", "sumo_options has g, which drl-av sets itself"),
         ("--start", "sumo_options has start, which drl-av sets itself"),
-        ("--route-files mine.rou.xml", "drive with drl_av.attach"),
+        ("--routes mine.rou.xml", "drive with drl_av.attach"),
         ("--fcd-output 'fcd.xml", "close its quotation mark"),
         ("--fcd-outptu fcd.xml", "correct sumo_options"),
         (3, "sumo_options is 3, but must be a text, such as '--fcd-output fcd.xml', or a list of"),
@@ -192,6 +193,8 @@ def test_an_option_that_cannot_be_is_one_sentence(options: Any, said: str) -> No
             '<variableSpeedSign id="v" lanes="e0_0"><step time="0" speed="9"/></variableSpeedSign>',
             "<variableSpeedSign>, a speed limit that the ego does not see: leave it out, or drive",
         ),
+        ('<rerouter id="r" edges="e0"/>', "<rerouter>, closed lanes or new routes"),
+        ('<vaporizer id="e0" begin="0" end="9"/>', "<vaporizer>, a place where vehicles vanish"),
     ],
 )
 def test_a_file_that_adds_what_the_ego_does_not_see_is_refused(
@@ -202,3 +205,18 @@ def test_a_file_that_adds_what_the_ego_does_not_see_is_refused(
     with pytest.raises(ConfigError, match=r"The additional file more\.add\.xml has " + sentence):
         HighwayEnv(sumo_options="-a empty.add.xml,more.add.xml")
     HighwayEnv(sumo_options="-a empty.add.xml").close()
+
+
+@pytest.mark.parametrize("element", ["vehicle", "variableSpeedSign"])
+def test_a_compressed_file_is_refused_once_sumo_has_read_it(here: Path, element: str) -> None:
+    within = '<route edges="e0"/>' if element == "vehicle" else '<step time="0" speed="9"/>'
+    text = (
+        f'<additional><{element} id="i" depart="99" lanes="e0_0">{within}</{element}></additional>'
+    )
+    (here / "more.add.xml.gz").write_bytes(gzip.compress(text.encode()))
+    said = r"SUMO has loaded .*, which the ego does not see"
+    with (
+        closing(HighwayEnv(sumo_options="-a more.add.xml.gz")) as env,
+        pytest.raises(ConfigError, match=said),
+    ):
+        env.reset(seed=0, options={"vehicles": 1})
