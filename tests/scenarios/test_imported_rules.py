@@ -530,8 +530,11 @@ def test_the_roads_that_join_and_leave_a_route_are_left_out_by_their_number(tmp_
 
 
 def test_traffic_on_the_left_is_driven_in_the_mirror(tmp_path: Path) -> None:
-    net = chain(tmp_path, Part(3), Part(3), options=["--lefthand", "true"])
+    middle = '<lane index="1" changeLeft="bus"/>'
+    net = chain(tmp_path, Part(3), Part(3, lane=middle), options=["--lefthand", "true"])
     description = along(net, 1)
+    [line] = description.plan().road.forbidden_lines
+    assert (line.lane, line.side) == (1, -1)  # SUMO's left is towards lane 0
     [phrase] = description.leaves_out
     assert phrase == "that its traffic drives on the left: the road is its mirror image"
     shape = description.plan().edges[-2].shape

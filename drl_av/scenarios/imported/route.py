@@ -222,7 +222,7 @@ def _parts(
     own = {lane: file.lanes[f"{edge.getID()}_{lane}"] for lane in lanes}
     limits = [lane_limit_m_s(file, edge, lane) for lane in lanes]
     attributes = {
-        first + lane: found for lane in lanes if (found := _rules(own[lane], [own[lane]]))
+        first + lane: found for lane in lanes if (found := _rules(file, own[lane], [own[lane]]))
     }
     edge_part = Part(ends_m[1], tuple(limits), attributes)
     if ends_m[1] - ends_m[0] < SHORTEST_M or ends_m[0] < SHORTEST_M or not step.inside:
@@ -234,7 +234,7 @@ def _parts(
     inside = {
         first + lane: found
         for lane in lanes
-        if (found := _rules(own[lane], step.inside.get(lane, ())))
+        if (found := _rules(file, own[lane], step.inside.get(lane, ())))
     }
     slower = any(
         inside_limit < min(limit, step.further_m_s.get(lane, limit))
@@ -246,15 +246,17 @@ def _parts(
     return [edge_part._replace(end_m=ends_m[0]), inside_part]
 
 
-def _rules(own: Attributes, lanes: Sequence[Attributes]) -> dict[str, str]:
+def _rules(file: NetFile, own: Attributes, lanes: Sequence[Attributes]) -> dict[str, str]:
     """Return the SUMO attributes that the road that is written gets from lanes one after another.
 
-    ``own`` is the lane of the edge, which says whether it is an acceleration lane.
+    ``own`` is the lane of the edge, which says whether it is an acceleration lane. SUMO's left and
+    right are the driver's, so in a mirrored network each line is on the other side.
     """
     found = {"acceleration": "1"} if own.get("acceleration", "").lower() in TRUE else {}
-    for key in ("changeLeft", "changeRight"):
+    sides = ("changeLeft", "changeRight")
+    for key, ours in zip(sides, sides[::-1] if file.drives_left else sides, strict=True):
         if any(key in lane and not _permits(lane[key]) for lane in lanes):
-            found[key] = FORBIDDEN
+            found[ours] = FORBIDDEN
     return found
 
 
