@@ -116,6 +116,7 @@ class Surroundings:
         """Make SUMO execute our commands for the vehicle, and expect the braking of ``ego``."""
         vehicle, name = self._sumo.vehicle, self._name
         take_control(vehicle, name)
+        vehicle.setActionStepLength(name, self._sumo.simulation.getDeltaT())
         vehicle.setParameter(name, "laneChangeModel.lcAccelLat", "1000")
         vehicle.setAccel(name, ego.accelerate_m_s2)
         vehicle.setDecel(name, ego.hard_brake_m_s2)

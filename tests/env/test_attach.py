@@ -154,7 +154,9 @@ def test_a_step_that_is_not_called_after_each_step_of_sumo_is_refused(
 
 
 def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(net: Path) -> None:
-    begin(net, car("ego", 1, 100))
+    seldom = CAR.replace('maxSpeed="30"', 'maxSpeed="20" actionStepLength="1"')
+    begin(net, car("ego", 1, 100), seldom)
+    sumo.simulationStep()  # now its model would act after the next step only
     ego = drl_av.attach(sumo, "ego", Does(MAINTAIN_LEFT), "paper")
     places = []
     for _ in range(10):  # 5 s in steps of 0.5 s: 0.35 m each
