@@ -58,7 +58,8 @@ def write(folder: Path) -> list[str]:
     built = [str(program("netconvert")), *parts, "-o", str(folder / "m.net.xml")]
     subprocess.run(built, check=True, capture_output=True)
     net, routes = str(folder / "m.net.xml"), str(folder / "m.rou.xml")
-    return ["-n", net, "-r", routes, "--step-length", "0.5", "--lateral-resolution", "3.2"]
+    options = "--step-length 0.5 --lateral-resolution 3.2 --collision.mingap-factor 0"
+    return ["-n", net, "-r", routes, *options.split()]
 
 
 with tempfile.TemporaryDirectory() as name:

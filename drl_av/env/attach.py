@@ -53,9 +53,10 @@ def attach(
         config: As for ``load_driver``.
 
     Raises:
-        ConfigError: the step length does not divide a second, SUMO has no lateral resolution, the
-            vehicle is faster than ``ego.max_speed_m_s``, the driver is SUMO itself or no driver, or
-            an assumption of ``strict`` does not hold here.
+        ConfigError: the step length does not divide a second, SUMO has no lateral resolution, moves
+            vehicles ballistically or may remove the ego where it stops, the vehicle is faster than
+            ``ego.max_speed_m_s``, the driver is SUMO itself or no driver, or an assumption of
+            ``strict`` does not hold here.
         SimulationError: SUMO does not run, there is no such vehicle, or its lanes differ in width.
     """
     if not hasattr(connection, "simulation"):
@@ -78,6 +79,7 @@ def attach(
             f"SUMO's step length is {step_s:g} s, but must divide one second, the time between two "
             "decisions: start it with --step-length 0.5."
         )
+    _require_options(connection.simulation.getOption)
     specs, settings = _specs(driver, config)
     settings = settings.updated(
         "simulation", step_length_s=step_s, lateral_resolution_m=resolution_m
@@ -104,6 +106,21 @@ def attach(
     if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
         driver = SteadyDriver(driver, check, settings)
     return AttachedEgo(around, driver, check, settings, connection.simulation.getTime)
+
+
+def _require_options(option: Callable[[str], str]) -> None:
+    """Raise ConfigError if an option of SUMO moves the ego otherwise than it is commanded."""
+    if option("step-method.ballistic") == "true":
+        raise ConfigError(
+            "SUMO runs with --step-method.ballistic, in which the ego needs a longer way to stop "
+            "than its driver and its check expect: start it without."
+        )
+    action = option("collision.action")
+    if action in ("teleport", "remove") and float(option("collision.mingap-factor")) != 0.0:
+        raise ConfigError(
+            f"SUMO would {action} the ego where it stops closer behind a vehicle than its minGap: "
+            "start it with --collision.mingap-factor 0."
+        )
 
 
 def _specs(

@@ -34,6 +34,9 @@ CAR = (
 )
 
 
+USUAL = "--step-length 0.5 --lateral-resolution 3.5 --collision.mingap-factor 0"
+
+
 @pytest.fixture(scope="module")
 def net(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three lanes; the right one leads to "off", the two others to "on"."""
@@ -57,7 +60,7 @@ def begin(net: Path, vehicles: str, types: str = CAR, *options: str) -> None:
     routes = "".join(f'<route id="{edge}" edges="in {edge}"/>' for edge in known) + types + vehicles
     file = net.parent / "demand.rou.xml"
     file.write_text(f"<routes>{routes}</routes>")
-    wanted = options or ("--step-length", "0.5", "--lateral-resolution", "3.5")
+    wanted = options or USUAL.split()
     always = ("--no-warnings", "--insertion-checks", "none")
     sumo.start(["sumo", "-n", str(net), "-r", str(file), *always, *wanted])
     sumo.simulationStep()
@@ -456,6 +459,8 @@ def test_the_user_s_own_check_decides(net: Path) -> None:
             "--step-length 0.3 --lateral-resolution 3.5",
             *({}, "SUMO's step length is 0.3 s, but must divide one second"),
         ),
+        (USUAL + " --step-method.ballistic", {}, "a longer way to stop .*: start it without"),
+        (USUAL[:-2] + " -1", {}, "teleport the ego where it stops .*--collision.mingap-factor 0"),
         ("", {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
         (
             *("", {"config": {"ego": {"max_speed_m_s": 19.0}}}),
@@ -472,7 +477,7 @@ def test_the_user_s_own_check_decides(net: Path) -> None:
         ("", {"driver": Looks()}, r"act of the driver 'Looks' is called with \(scene, observ"),
         ("", {"safety_check": 5}, "safety_check is 5, but must be a function of"),
         (
-            *("--step-length 0.5 --lateral-resolution 0.8", {"safety_check": "strict"}),
+            *(USUAL.replace("3.5", "0.8"), {"safety_check": "strict"}),
             r"lateral_resolution_m must be at least the lane width, 3.5",
         ),
         ("", {"connection": "sumo"}, "connection is 'sumo', but must be the module libsumo"),
