@@ -114,7 +114,7 @@ def files_of_sumo(given: str | Sequence[str] | None) -> list[str]:
     prefix = dict(pairs).get("--output-prefix", "")
     files = [Path(file) for word, file in pairs if WRITES.search(word)]
     files += [Path(name).parent / file for name, file in _written(words)]
-    return [str(file.with_name(prefix + file.name)) for file in files if file.name]
+    return [str(file.parent / (prefix + file.name)) for file in files if file.name]
 
 
 def _written(words: Sequence[str]) -> Iterator[tuple[str, str]]:

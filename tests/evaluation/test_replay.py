@@ -284,6 +284,7 @@ def test_sumo_does_not_write_over_the_recording_that_it_replays(
         f"--summary-output {file}",
         f"--verbose --summary={file.parent}/./episode.npz",
         f"--log-file {file.parent}/.npz --output-prefix episode",
+        f"--log-file {file.parents[1]}/.npz --output-prefix {file.parent.name}/episode",
     ):
         assert main(["replay", str(file), "--sumo-options", option, *page]) == 1
         assert "which this command itself reads or writes" in capsys.readouterr().err
