@@ -99,9 +99,10 @@ def replay(options: argparse.Namespace) -> int:
     """
     from drl_av.drawing.film import require_film
     from drl_av.drawing.page import PageEpisode, write_page
+    from drl_av.evaluation.replay import require_fcd_alone
     from drl_av.evaluation.trajectories import require_parquet, write_parquet
     from drl_av.files.atomic import require_suffix, require_writable
-    from drl_av.simulation.sumo_options import files_of_sumo, option_words
+    from drl_av.simulation.sumo_options import files_of_sumo
 
     if options.html and options.rate is not None:
         raise ConfigError(
@@ -112,8 +113,8 @@ def replay(options: argparse.Namespace) -> int:
     inputs = [*options.source, options.driver, *options.config]
     by_sumo = files_of_sumo(options.sumo_options)
     require_writable(*_written(options), inputs=inputs, by_sumo=by_sumo)
-    if options.fcd and "--fcd-output" in option_words(options.sumo_options or ()):
-        raise ConfigError("--fcd and sumo_options both set fcd-output: leave one of them out.")
+    if options.fcd:
+        require_fcd_alone(options.sumo_options or ())
     for name, suffix in SUFFIXES.items():
         require_suffix(getattr(options, name), suffix)
     if options.video:

@@ -50,6 +50,13 @@ FCD_OPTIONS = (
 """The options of SUMO's floating car data, beside the name of its file."""
 
 
+def require_fcd_alone(sumo_options: str | Sequence[str]) -> None:
+    """Raise ConfigError if options of the user change the file of SUMO's floating car data."""
+    ours = {"--fcd-output", "--output-prefix", *FCD_OPTIONS[::2]}
+    if taken := [word for word in option_words(sumo_options) if word in ours]:
+        raise ConfigError(f"--fcd does not go with {taken[0]} in sumo_options: leave one out.")
+
+
 class Pacer:
     """Slows an episode in sumo-gui to ``rate`` times real time: a decision takes 1 / rate s."""
 

@@ -303,8 +303,9 @@ def test_sumo_does_not_write_over_the_recording_that_it_replays(
     assert main(["evaluate", "idm", "--record", "all", "--sumo-options", "--fcd-output all/a"]) == 1
     assert "SUMO would write all/a" in capsys.readouterr().err
     assert file.read_bytes() == before
-    assert main(["replay", "idm", "--sumo-options", "--fcd-output a.xml", "--fcd", "b.xml"]) == 1
-    assert "both set fcd-output" in capsys.readouterr().err
+    for option in ("--fcd-output a.xml", "--output-prefix a", "--precision 3"):
+        assert main(["replay", "idm", "--sumo-options", option, "--fcd", "b.xml"]) == 1
+        assert f"--fcd does not go with {option.split()[0]}" in capsys.readouterr().err
 
 
 def test_a_recording_on_a_road_that_was_moved_is_replayed_there(here: Path, capsys: Capsys) -> None:
