@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from drl_av.config import EgoConfig
+from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import SimulationError
 from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, PartialLane, Road, SpeedLimit
 from drl_av.road.snapshot import Snapshot
@@ -24,7 +25,8 @@ STATE = (
     *("getLength", "getWidth"),
 )
 EGO_TAU_S = 1.5
-"""SUMO's tau of an ego: others leave it the room for one decision in which it accelerates."""
+"""SUMO's tau of an ego: with it, and a minGap of ``STANDSTILL_GAP_M`` or more, others leave it the
+room for one decision in which it accelerates."""
 
 
 class Strip(NamedTuple):
@@ -122,6 +124,7 @@ class Surroundings:
         vehicle.setDecel(name, ego.hard_brake_m_s2)
         vehicle.setEmergencyDecel(name, ego.hard_brake_m_s2)
         vehicle.setTau(name, EGO_TAU_S)
+        vehicle.setMinGap(name, max(vehicle.getMinGap(name), STANDSTILL_GAP_M))
 
     def command(self, speed_m_s: float, aside_m: float) -> None:
         """Set the vehicle's speed, and its way to the left, for the next SUMO step."""

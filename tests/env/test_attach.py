@@ -157,7 +157,7 @@ def test_a_step_that_is_not_called_after_each_step_of_sumo_is_refused(
 
 
 def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(net: Path) -> None:
-    seldom = CAR.replace('maxSpeed="30"', 'maxSpeed="20" actionStepLength="1"')
+    seldom = CAR.replace('maxSpeed="30"', 'maxSpeed="20" actionStepLength="1" minGap="1"')
     begin(net, car("ego", 1, 100), seldom)
     sumo.simulationStep()  # now its model would act after the next step only
     ego = drl_av.attach(sumo, "ego", Does(MAINTAIN_LEFT), "paper")
@@ -168,6 +168,7 @@ def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(net: Path) -> N
         places.append(3.5 * sumo.vehicle.getLaneIndex("ego") + aside_m)
     assert places == pytest.approx([3.5 + 0.35 * step for step in range(1, 11)], abs=1e-6)
     assert sumo.vehicle.getSpeed("ego") == pytest.approx(20.0)
+    assert sumo.vehicle.getMinGap("ego") == 2.5  # others cut in no closer than ``strict`` assumes
 
 
 def test_it_says_what_it_does_and_why_once_a_second(net: Path) -> None:
