@@ -157,8 +157,9 @@ def test_a_step_that_is_not_called_after_each_step_of_sumo_is_refused(
 
 
 def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(net: Path) -> None:
-    seldom = CAR.replace('maxSpeed="30"', 'maxSpeed="20" actionStepLength="1" minGap="1"')
-    begin(net, car("ego", 1, 100), seldom)
+    slow = 'maxSpeed="20" actionStepLength="1" minGap="1" lcMaxSpeedLatStanding="0.1"'
+    slow += ' lcMaxSpeedLatFactor="0"'
+    begin(net, car("ego", 1, 100), CAR.replace('maxSpeed="30"', slow))
     sumo.simulationStep()  # now its model would act after the next step only
     ego = drl_av.attach(sumo, "ego", Does(MAINTAIN_LEFT), "paper")
     places = []
