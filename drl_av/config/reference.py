@@ -106,8 +106,8 @@ def _allowed(default: Any, meta: Any) -> str:
     if low is None and high is None:
         return "text" if isinstance(default, str) else "any number"
     if high is None:
-        return f"at least {low:g}"
-    return f"{low:g} to {high:g}"
+        return f"at least {low:.10g}"
+    return f"{low:.10g} to {high:.10g}"
 
 
 def _comment(setting: Setting) -> list[str]:

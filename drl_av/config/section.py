@@ -133,7 +133,7 @@ def _bounds(low: float | None, high: float | None) -> str:
     """Return the bounds of a number in words; "" without any."""
     if low is None:
         return ""
-    return f" of at least {low:.9g}" if high is None else f" from {low:.9g} to {high:.9g}"
+    return f" of at least {low:.10g}" if high is None else f" from {low:.10g} to {high:.10g}"
 
 
 def _converted(value: Any, kind: type) -> Any:

@@ -25,6 +25,7 @@ WRONG = [
         "traffic.vehicles_max is 5.0, but must be a whole number from",
     ),
     ("[traffic]\nvehicles_max = -1\n", "traffic.vehicles_max is -1, but must be"),
+    ("[learning]\nseed = -1\n", "must be a whole number from 0 to 4294967295.$"),
 ]
 
 

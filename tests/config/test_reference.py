@@ -78,6 +78,7 @@ def test_the_unit_is_that_of_the_name(section: str, key: str, unit: str) -> None
         ("learning", "mirrored", "true or false"),
         ("learning", "evaluate_every", "at least 1"),
         ("learning", "discount", "0 to 1"),
+        ("learning", "seed", "0 to 4294967295"),
         ("ppo", "discount", "0 to 0.9999"),  # the scale of its rewards is 1 - discount
         ("simulation", "scenario", "text"),
     ],
