@@ -1,7 +1,7 @@
 """Observations that the user chooses: named groups of indicators, or the user's object (ours)."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from copy import deepcopy
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -187,14 +187,15 @@ def observation_function(
     if isinstance(given, str):
         return GroupObservation([given], scale)
     if isinstance(given, Iterable):
-        return GroupObservation(list(given), scale)
-    is_class = isinstance(given, type)
-    if not is_class and isinstance(getattr(given, "space", None), gymnasium.Space):
+        if not isinstance(given, Set):
+            return GroupObservation(list(given), scale)
+    elif not isinstance(given, type) and isinstance(getattr(given, "space", None), gymnasium.Space):
         require_function(given, "observation", "scene")
         return OwnObservation(given)
     raise ConfigError(
-        f"observation is {given!r}, but must be {WIDE}, names of groups ({', '.join(GROUPS)}), or "
-        "an object with a gymnasium space as its attribute space that is called with a scene."
+        f"observation is {given!r}, but must be {WIDE}, names of groups ({', '.join(GROUPS)}) in "
+        "a list, or an object with a gymnasium space as its attribute space that is called with a "
+        "scene."
     )
 
 

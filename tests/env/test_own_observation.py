@@ -204,6 +204,7 @@ class Wrong(Speed):
         (("ego", "ego"), "'ego' is named 2 times"),
         ((), "observation names no group; the groups are: own_front"),
         (3, "observation is 3, but must be wide, names of groups"),
+        ({"ego"}, r"observation is {'ego'}, but must be wide, names .* in a list"),  # a set
         (np.mean, "an object with a gymnasium space"),
         (Wrong(), r"has the shape \(2,\) and the type float32"),
     ],
