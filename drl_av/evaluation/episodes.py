@@ -94,7 +94,8 @@ class Evaluation:
         if seeds[-1] >= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"The last episode's seed would be {seeds[-1]}, but those from "
-                f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one."
+                f"{TRAINING_SEED_RANGE[0]} on belong to training: begin with a smaller one, or "
+                "drive fewer episodes."
             )
         self.setup, self._seeds = setup, seeds
         _close()  # a driver may have been trained since

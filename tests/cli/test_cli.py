@@ -113,7 +113,7 @@ def test_bad_usage_exits_with_2(words: list[str], capsys: Capsys) -> None:
         (["replay", "a.csv", "--sheet", "w.png", "--rate", "4"], r"--rate has no effect without"),
         (["evaluate", "idm", "--out", "."], r". is a folder: name a file in it"),
         (["evaluate", "idm", "--config", "missing.toml"], r"missing.toml cannot be read"),
-        (["evaluate", "idm", "--episodes", "10000000000"], r"belong to training"),
+        (["evaluate", "idm", "--episodes", "10000000000"], r"or drive fewer episodes"),
         (["evaluate", "idm", "--out", "x", "--json", "./x"], r"cannot hold two files at once"),
         (["replay", "--video", "x.gif", "--record", "x.gif"], r"cannot hold two files at once"),
         (["evaluate", "idm", "--out", "no/such/folder.csv"], r"folder.csv cannot be written"),
