@@ -138,7 +138,7 @@ def _require_one_vehicle_abreast(
     if resolution_m < lane_m:
         raise _refusal(
             "simulation.lateral_resolution_m",
-            f"at least the lane width, {lane_m:g}, and not {resolution_m:g}",
+            f"at least the lane width, {lane_m}, and not {resolution_m:g}",
             "bound 3 fails: vehicles drive beside each other in a lane of several strips",
         )
     name, width_m = min(_widths_m(config, vehicle_types).items(), key=lambda item: item[1])
@@ -216,7 +216,7 @@ def _require_a_long_loop(config: Config, vehicle_types: VehicleTypes, road: Road
     if road.is_loop and road.lap_m < least_m:
         raise _refusal(
             "the scenario's circumference_m",
-            f"at least {least_m:.1f}, and not {road.lap_m:g}",
+            f"at least {math.ceil(10 * least_m) / 10:g}, and not {road.lap_m:g}",
             f"bound 3 fails: the ego may need {gap_m:.1f} m behind a vehicle that moves in behind "
             "it, and round a shorter loop this vehicle is ahead of it",
         )

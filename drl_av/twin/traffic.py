@@ -171,7 +171,7 @@ def require_supported(scenario: Scenario, config: Config) -> None:
         ),
         "a simulation.step_length_s other than 0.5": timing.step_length_s != STEP_S,
         "a simulation.lateral_resolution_m other than the lane width "
-        f"(set it to {lane_m:g})": not math.isclose(timing.strip_width_m(lane_m), lane_m),
+        f"(set it to {lane_m})": not math.isclose(timing.strip_width_m(lane_m), lane_m),
     }
     for what, is_so in refused.items():
         if is_so:

@@ -211,6 +211,12 @@ def test_an_argument_that_the_twin_cannot_take_is_refused(given: Any, words: str
         TwinVectorEnv(**({"num_envs": 2} | given))
 
 
+def test_the_strips_that_a_refusal_asks_for_are_as_wide_as_the_lanes(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "fine", ScenarioDescription(lane_width_m=3.1415926))
+    with pytest.raises(ConfigError, match=r"set it to 3\.1415926\)"):
+        TwinVectorEnv(1, tmp_path / "fine")
+
+
 def test_a_scenario_of_the_settings_is_as_if_it_were_named() -> None:
     env = TwinVectorEnv(1, config={"simulation": {"scenario": "merge"}})
     assert env.config == TwinVectorEnv(1, "merge").config
