@@ -143,7 +143,7 @@ def _require_one_vehicle_abreast(
         )
     name, width_m = min(_widths_m(config, vehicle_types).items(), key=lambda item: item[1])
     widest_m = 2 * width_m + LATERAL_GAP_M
-    if lane_m > widest_m:
+    if lane_m > widest_m + ROUNDING_M:
         what, bound = "the scenario's lane_width_m", f"at most {widest_m:g}, and not {lane_m:g}"
         if width_m < AS_WRITTEN.traffic.width_m:  # no road has lanes so narrow
             what = name.replace("type traffic", f"type {label}")

@@ -19,7 +19,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import ConfigError, DrlAvWarning
 from drl_av.road.road import Road
-from drl_av.road.vehicle_types import AS_WRITTEN
+from drl_av.road.vehicle_types import AS_WRITTEN, read_types, type_attributes
 from drl_av.safety import named_check
 from drl_av.safety.assumptions import ROAD_AS_WRITTEN
 from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
@@ -121,8 +121,9 @@ def test_what_it_just_covers_is_accepted() -> None:
     named_check(STRICT.updated("simulation", step_length_s=0.1))
     named_check(STRICT.updated("traffic", random_lane_changes_per_s=0.01))
     named_check(STRICT, road=replace(ROAD, lap_m=145.5))
-    wide = STRICT.updated("simulation", lateral_resolution_m=4.2)
-    named_check(wide, road=replace(ROAD, lane_width_m=4.2))
+    wide = STRICT.updated("simulation", lateral_resolution_m=4.4)
+    broad = read_types(type_attributes(5.0, 1.9), "twice 1.9 m, and 0.6 m between them")
+    named_check(wide, broad, replace(ROAD, lane_width_m=4.4))
     named_check(STRICT.updated("traffic", truck_width_m=3.75, truck_acceleration_m_s2=5.0))
     named_check(STRICT.updated("traffic", truck_share=0.1, truck_width_m=3.7))
     # a wider ego is longer on the line: 3.8 m at 1.14 m a second
