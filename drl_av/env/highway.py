@@ -1,6 +1,7 @@
 """``drl_av/Highway-v0``: the ego vehicle on SUMO's circular highway, as a gymnasium environment."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -96,15 +97,13 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         loaded = load_scenario(find_scenario(config.simulation.scenario))
         types, self.road = loaded.vehicle_types, loaded.road
         self._most_decisions = most_decisions(config, loaded.layout)
-        self.safety_check: SafetyCheck
-        if own_check is not None:
-            self.safety_check = custom_check(own_check, config)
-            kind = type(own_check).__name__
-            named = isinstance(own_check, str)
-            self._check_name = str(own_check if named else getattr(own_check, "__name__", kind))
-        else:
-            self.safety_check = named_check(config, types, self.road)
+        if own_check is None:
+            self.safety_check: SafetyCheck = named_check(config, types, self.road)
             self._check_name = config.safety.check
+        else:
+            self.safety_check = custom_check(own_check, config)
+            name = getattr(own_check, "__name__", type(own_check).__name__)
+            self._check_name = own_check if isinstance(own_check, str) else str(name)
         self._setups = traffic_setups(config, loaded, render_mode == "human", sumo_options)
         self.simulation, self.traffic_drivers = self._setups[0]
         self._own_reward = None if reward is None else custom_reward_of(reward)
@@ -252,7 +251,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             "collision": "" if made.collision is None else made.collision.kind.value,
             "collided_with": "" if made.collision is None else made.collision.other or "",
         }
-        return made.next_observation, made.reward, made.terminated, made.truncated, info
+        return self.observation, made.reward, made.terminated, made.truncated, info
 
     def execute(self, action: int | np.int64) -> Transition:
         """Execute one decision and return its record, from which ``step`` makes its results.
@@ -260,7 +259,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         Raises the errors of ``step``.
         """
         proposed = self._proposed(action)
-        scene, observation, config = self.scene, self.observation, self.config
+        scene, observation, config = self.scene, self._seen, self.config
         verdict = Verdict(proposed, Rule.NONE)
         if self.ego_model is None:
             verdict = self._verdict_on(proposed)
@@ -284,7 +283,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             verdict.action,
             verdict.rule,
             self.scene,
-            self.observation,
+            self._seen,
             collision,
             terms,
             config.reward.collision_reward if terminated else terms.total,
@@ -384,6 +383,7 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self.indicators = self.scene.indicators.values[:27]
         self._verdicts = None
         self.observation: Observation = scaled if self._scaled_only else self.observe(self.scene)
+        self._seen = self.observation if self._own_reward is None else deepcopy(self.observation)
         return terms
 
     def _info(self, route_outcome: str) -> dict[str, Any]:

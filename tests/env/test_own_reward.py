@@ -28,12 +28,14 @@ def test_a_reward_function_is_given_the_decision_and_its_outcome() -> None:
     env, plain = HighwayEnv(reward=record), HighwayEnv()
     for one in (env, plain):
         start(one, 10, seed=3)
-    before = env.scene
+    before, observed = env.scene, env.observation.copy()
+    env.observation[:] = 9.0  # as an agent does that normalizes it in place
     _, reward, _, _, info = env.step(LEFT)
     _, usual, _, _, same = plain.step(LEFT)
     assert (reward, type(reward)) == (7.0, float)
     [transition] = seen
     assert transition.scene is before
+    assert transition.observation.tolist() == observed.tolist()
     assert transition.next_scene is env.scene
     assert transition.proposed == ACTIONS[LEFT]
     assert transition.executed == ACTIONS[info["executed_action"]]
