@@ -214,9 +214,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         goes_on = ~begins | self._is_fork
         terminated = (self.episodes.collision[:, 0] != NO_CONTACT) & goes_on
         late = self.episodes.decisions >= self.most_decisions
-        truncated = (late | (self.episodes.scene[:, 0, 0] >= self.road.end_m)) & goes_on
-        ends = terminated | truncated
-        truncated |= (self.episodes.decisions >= self._limit) & goes_on
+        complete = (late | (self.episodes.scene[:, 0, 0] >= self.road.end_m)) & goes_on
+        ends = terminated | complete
+        truncated = complete | ((self.episodes.decisions >= self._limit) & goes_on)
         r_v, r_y, r_x = self.episodes.terms.T
         rewards = (r_v + r_y + r_x) / 3
         rewards[terminated] = self.config.reward.collision_reward
@@ -232,7 +232,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             info |= self._start_info(np.flatnonzero(begins))
         observations = self._observations()
         if self._reward is not None and before is not None:
-            now, outcome = self._seen(observations), (rewards, terminated, truncated)
+            now, outcome = self._seen(observations), (rewards, terminated, complete)
             for row in rows.tolist():
                 made = transition_of(self, row, (before[row], now[row]), decided, outcome)
                 rewards[row] = custom_reward(self._reward, made)

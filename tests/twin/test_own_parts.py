@@ -191,14 +191,16 @@ def test_after_an_error_in_a_reward_a_reset_comes_first() -> None:
 
 
 def test_a_limit_of_the_user_cuts_an_episode_short_and_ends_no_way() -> None:
-    env = TwinVectorEnv(scenario="exit", max_episode_steps=3)
-    alone = gymnasium.make("drl_av/Exit-v0", max_episode_steps=3)
+    given: Any = {"max_episode_steps": 3, "reward": lambda made: made.truncated}
+    env = TwinVectorEnv(scenario="exit", **given)
+    alone = gymnasium.make("drl_av/Exit-v0", **given)
     for each in (env, alone):
         each.reset(seed=1, options={"vehicles": 2})
     for decision in (1, 2, 3):
-        *_, truncated, info = env.step(KEEP)
-        *_, alone_truncated, alone_info = alone.step(0)
+        _, paid, _, truncated, info = env.step(KEEP)
+        _, alone_paid, _, alone_truncated, alone_info = alone.step(0)
         assert bool(truncated[0]) == alone_truncated == (decision == 3)
+        assert paid[0] == alone_paid == 0.0
         assert (info["way"][0], bool(info["is_success"][0])) == ("", False)
         assert (alone_info["way"], alone_info["is_success"]) == ("", False)
     alone.close()
