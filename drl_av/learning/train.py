@@ -1,12 +1,15 @@
 """Trains a driver from a user's program, ``drl_av.train``, and writes its rows for TensorBoard."""
 
 import importlib.util
+import random
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from drl_av.config import Config
 from drl_av.config.presets import as_config
@@ -62,8 +65,23 @@ def train(
             "safety_check as a function, reward and episodes belong to the training by Algorithm "
             "1, but this one is PPO at scale: leave them out, or choose another preset."
         )
-    train_to_end(Path(out), settings, CustomParts(own_check, reward))
+    with _random_numbers_kept():
+        train_to_end(Path(out), settings, CustomParts(own_check, reward))
     return Path(out)
+
+
+@contextmanager
+def _random_numbers_kept() -> Iterator[None]:
+    """Let the program's random numbers go on after the block, in which PPO seeds them anew."""
+    import torch
+
+    python, numpy, of_torch = random.getstate(), np.random.get_state(), torch.get_rng_state()
+    try:
+        yield
+    finally:
+        random.setstate(python)
+        np.random.set_state(numpy)
+        torch.set_rng_state(of_torch)
 
 
 def train_to_end(

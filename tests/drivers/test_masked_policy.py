@@ -1,5 +1,6 @@
 """The driver of a training at scale: its files, and how it chooses among permitted actions."""
 
+import random
 import warnings
 from contextlib import closing
 from itertools import islice
@@ -170,7 +171,10 @@ def test_a_policy_with_settings_that_are_gone_is_refused_with_the_remedy(
 def test_a_program_trains_at_scale_too_and_is_told_what_belongs_to_algorithm_1(
     run: Path, tmp_path: Path
 ) -> None:
+    before = str((random.getstate(), torch.get_rng_state().tolist(), np.random.get_state()))
     again = drl_av.train(tmp_path / "again", config=SMALL)
+    after = str((random.getstate(), torch.get_rng_state().tolist(), np.random.get_state()))
+    assert before == after  # the program's random numbers go on
     assert (again / "policy.safetensors").read_bytes() == (run / "policy.safetensors").read_bytes()
     with pytest.raises(ConfigError, match="belong to the training by Algorithm 1"):
         drl_av.train(tmp_path / "other", config=SMALL, episodes=2)
