@@ -6,6 +6,7 @@ import re
 import sys
 from inspect import signature
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any
 
 from drl_av.errors import ConfigError
@@ -41,9 +42,17 @@ def import_function(word: str, what: str) -> Any:
         return getattr(importlib.import_module(module), name)
     except Exception as error:  # the module is the user's
         raise ConfigError(
-            f"The {what} {word!r} cannot be imported ({error}): write it as module:name, with "
-            "a module in the working directory or an installed one that can be imported."
+            f"The {what} {word!r} cannot be imported ({error}{_place(error)}): write it as "
+            "module:name, with a module in the working directory or an installed one that can be "
+            "imported."
         ) from error
+
+
+def _place(error: Exception) -> str:
+    """Return the line of an imported module that raised an error; "" if no line of it ran."""
+    lines = [each for each in extract_tb(error.__traceback__) if each.filename[0] != "<"]
+    theirs = [each for each in lines if each.filename not in (__file__, importlib.__file__)]
+    return f", line {theirs[-1].lineno} of {theirs[-1].filename}" if theirs else ""
 
 
 def _search_here_first() -> None:
