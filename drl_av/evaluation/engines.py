@@ -113,7 +113,7 @@ def on_ray(work: Callable[[Job], Result], jobs: Sequence[Job], processes: int) -
                 ended, _ = ray.wait(list(running), timeout=TICK_S)
                 yield [(running.pop(reference), ray.get(reference)) for reference in ended]
         except RayTaskError as error:
-            raise error.cause from None
+            raise error.cause from error  # which has the traceback of the worker
         except WorkerCrashedError as error:
             raise _given_up() from error
         finally:

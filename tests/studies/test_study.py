@@ -11,7 +11,7 @@ from runs import Capsys, files_of
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers
 from drl_av.errors import ConfigError, DrlAvError
-from drl_av.evaluation.engines import cluster
+from drl_av.evaluation.engines import cluster, on_ray
 from drl_av.evaluation.table import read_rows
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.simulation.inflow import vehicles_of_flow
@@ -363,3 +363,6 @@ def test_a_folder_that_a_machine_of_the_cluster_cannot_see_is_refused(
         monkeypatch.setattr(Path, "touch", lambda path: None)  # as where another disk is mounted
         with pytest.raises(DrlAvError, match=r"cannot see the files in .*give --runs a folder"):
             require_shared(tmp_path)
+        with pytest.raises(ZeroDivisionError) as of_job:
+            list(on_ray(lambda job: 1 / job, [0], 1))
+        assert "test_study.py" in str(of_job.value.__cause__)  # where the worker raised it
