@@ -150,6 +150,12 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         """The space of the actions of all worlds."""
         return batch_space(self.single_action_space, self.num_envs)
 
+    @property
+    def np_random_seed(self) -> tuple[int | None, ...]:  # type: ignore[override]
+        """The seed of each world's sequence of episodes, as in gymnasium's vector environments."""
+        bits: list[Any] = [one and one.bit_generator for one in self._generators]
+        return tuple(one and one.seed_seq.entropy for one in bits)
+
     def _make_episodes(self, count: int, mode: AutoresetMode) -> None:
         """Make so many worlds, in which no episode has begun."""
         self._make_worlds(count, self._threads)
