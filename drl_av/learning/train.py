@@ -36,6 +36,8 @@ def train(
 ) -> Path:
     """Train a driver as ``drl-av train`` does: by Algorithm 1 of the paper, or by PPO at scale.
 
+    From then on torch, and numpy after Algorithm 1, compute in one thread of this process.
+
     Args:
         out: The run's folder, which must be new.
         config: Settings: a preset such as "large", a TOML file, a dictionary or a Config.
