@@ -179,7 +179,7 @@ def test_make_vec_takes_the_specification_of_an_environment() -> None:
     assert made.spec is not None
     env = gymnasium.make_vec(made.spec, num_envs=2)
     env.reset(seed=0)
-    assert env.np_random_seed == (0, 1)  # type: ignore[comparison-overlap]
+    assert env.np_random_seed == (0, 1)
     assert not env.step(np.zeros(2, np.int64))[3].any()
     assert env.step(np.zeros(2, np.int64))[3].all()
     shorter = {"simulation": {"decisions_per_episode": 1}}
