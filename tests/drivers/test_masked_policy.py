@@ -171,6 +171,7 @@ def test_a_policy_with_settings_that_are_gone_is_refused_with_the_remedy(
 def test_a_program_trains_at_scale_too_and_is_told_what_belongs_to_algorithm_1(
     run: Path, tmp_path: Path
 ) -> None:
+    _ = random.random(), torch.rand(1), np.random.rand()
     before = str((random.getstate(), torch.get_rng_state().tolist(), np.random.get_state()))
     again = drl_av.train(tmp_path / "again", config=SMALL)
     after = str((random.getstate(), torch.get_rng_state().tolist(), np.random.get_state()))
