@@ -4,6 +4,7 @@ import csv
 import json
 import runpy
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +43,9 @@ def test_gymnasium_s_vector_environments_drive_each_as_if_alone(mode: str) -> No
     vector = gymnasium.make_vec(
         ID, num_envs=2, vectorization_mode=mode, vector_kwargs=kwargs, config=CONFIG
     )
-    try:
+    with closing(vector):
         together = [vector.reset(seed=SEEDS)[0]]
         together += [vector.step(np.array([1, 1]))[0] for _ in range(DECISIONS - 1)]
-    finally:
-        vector.close()
     for column, seed in enumerate(SEEDS):
         alone = [*episode(seed)]
         assert np.array_equal(alone, [observations[column] for observations in together])
@@ -134,13 +133,10 @@ def test_workers_of_stable_baselines3_drive_as_dummies_do(method: str) -> None:
     driven = []
     own = {"vec_env_cls": SubprocVecEnv, "vec_env_kwargs": {"start_method": method}}
     for kind in (own, {}):
-        vector = make_vec_env(ID, n_envs=2, seed=5, env_kwargs={"config": CONFIG}, **kind)
-        try:
+        with closing(make_vec_env(ID, 2, seed=5, env_kwargs={"config": CONFIG}, **kind)) as vector:
             seen = [vector.reset()]
             for _ in range(2 * DECISIONS):
                 seen.append(vector.step(np.array([1, 4]))[0])  # type: ignore[arg-type]
-        finally:
-            vector.close()
         driven.append(np.array(seen))
     assert np.array_equal(*driven)
 
@@ -183,8 +179,7 @@ def test_maskable_ppo_of_sb3_contrib_chooses_permitted_actions_only() -> None:
 def test_rl_zoo3_trains_and_enjoys_with_the_hyperparameters_that_ship(tmp_path: Path) -> None:
     short = "config:{'simulation': {'decisions_per_episode': 10}}"
     shared = ["--algo", "dqn", "--env", ID, "--gym-packages", "drl_av", "-f", str(tmp_path)]
-    shared += ["--env-kwargs", short, "--device", "cpu"]
-    shared += ["--seed", "1"]
+    shared += ["--env-kwargs", short, "--device", "cpu", "--seed", "1"]
     shipped = ["--conf-file", str(ROOT / "examples" / "rl_zoo3.yml"), "-n", "60"]
     shipped += ["--eval-freq", "30", "--eval-episodes", "1", "--eval-env-kwargs", short]
     printed = run(tmp_path, "-m", "rl_zoo3.train", *shared, *shipped).stdout

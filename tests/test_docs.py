@@ -110,19 +110,12 @@ MOST_WORDS = 2_500
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
-def test_a_page_is_short(page: Path) -> None:
-    assert len(page.read_text(encoding="utf-8").split()) <= MOST_WORDS
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
-def test_no_line_begins_with_the_mark_of_a_number(page: Path) -> None:
-    # Markdown would end the paragraph there
-    assert not re.findall(r"^<!-- (?:value|mean).*", page.read_text(encoding="utf-8"), re.MULTILINE)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
-def test_a_page_of_results_begins_with_its_figure(page: Path) -> None:
-    title, *blocks = page.read_text(encoding="utf-8").split("\n\n")
+def test_a_page_is_short_and_one_of_results_begins_with_its_figure(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(text.split()) <= MOST_WORDS
+    # Markdown would end the paragraph at a line that begins with the mark of a number
+    assert not re.findall(r"^<!-- (?:value|mean).*", text, re.MULTILINE)
+    title, *blocks = text.split("\n\n")
     if page.parent.name == "results" and any(block.startswith("![") for block in blocks):
         assert title.startswith("# ")
         assert blocks[0].startswith("![")

@@ -125,10 +125,14 @@ def test_the_ego_drives_to_the_right_with_200_m_of_the_loop_ahead_of_it_in_view(
         assert all(is_shown(decision, places[name]) for name in near)
 
 
-def test_the_caption_is_in_the_window_below_the_ego_and_beside_the_road(
+def test_the_caption_is_below_the_ego_and_beside_the_road_and_colours_are_those_of_the_film(
     watched: dict[str, Any],
 ) -> None:
     for decision in watched["decisions"]:
+        assert all(word in decision["caption"] for word in ("rule: ", "m/s", "reward -"))
+        colors = {name: tuple(color) for name, color in decision["colors"].items()}
+        speeds = {name: speed_color(speed) for name, speed in decision["speeds"].items()}
+        assert colors == speeds | {"ego": EGO_COLOR}
         ego, caption = decision["places"]["ego"], decision["caption_at"]
         assert is_shown(decision, caption)
         assert in_window(decision, caption)[1] < in_window(decision, ego)[1] - 0.1
@@ -176,19 +180,6 @@ def test_plain_sumo_gui_opens_a_ramp_where_vehicles_join_and_are_seen(
     pixels = np.asarray(Image.open(picture).convert("RGB")).reshape(-1, 3).astype(int)
     yellow = ((pixels - (240, 190, 40)) ** 2).sum(1) < 3000
     assert yellow.sum() > 300  # 96 where the window shows the whole road
-
-
-def test_vehicles_have_the_colours_of_the_film(watched: dict[str, Any]) -> None:
-    for decision in watched["decisions"]:
-        assert tuple(decision["colors"].pop("ego")) == EGO_COLOR
-        for name, color in decision["colors"].items():
-            assert tuple(color) == speed_color(decision["speeds"][name])
-
-
-def test_caption_shows_decision_rule_speed_and_reward(watched: dict[str, Any]) -> None:
-    for decision in watched["decisions"]:
-        for word in ("rule: ", "m/s", "reward -"):
-            assert word in decision["caption"]
 
 
 def test_screenshot_shows_road_vehicles_and_caption(watched: dict[str, Any], folder: Path) -> None:

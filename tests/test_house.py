@@ -145,16 +145,6 @@ def test_a_room_names_sumo_modules_in_strings_only_where_it_may_import_them() ->
             assert module.split(".")[1] in ONLY_IN[str(library)], module
 
 
-@pytest.mark.parametrize("pure", ["road", "driving", "safety"])
-def test_a_pure_room_never_reaches_scenarios_or_simulation(pure: str) -> None:
-    for module in modules():
-        if module.startswith(f"drl_av.{pure}."):
-            effects = ("drl_av.simulation", "drl_av.scenarios")
-            assert not {other for other in reached(module) if other.startswith(effects)}, module
-
-
-PURE = ("road", "driving", "safety")
-"""Folders of pure functions."""
 EFFECTS = {
     *("libsumo", "traci", "sumolib", "sumo", "torch", "safetensors", "matplotlib", "gymnasium"),
     *("subprocess", "multiprocessing", "ctypes", "socket", "xml", "os", "shutil", "tempfile"),
@@ -172,7 +162,7 @@ def reached(module: str) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("folder", PURE)
+@pytest.mark.parametrize("folder", ["road", "driving", "safety"])
 def test_a_pure_folder_reaches_no_effect_through_whatever_it_imports(folder: str) -> None:
     for module in modules():
         if module.startswith(f"drl_av.{folder}"):

@@ -21,7 +21,6 @@ def test_three_environments_of_a_process_keep_their_memory_over_resets() -> None
     assert lines.pop().startswith("made by python tools/measure_memory.py --resets 60 ")
     assert [line.split()[0] for line in lines[:-1]] == [str(n) for n in range(40, 101, 6)]
     growth = re.fullmatch(r"growth over 60 resets of 3 environments: ([+-]\d+\.\d+)%", lines[-1])
-    assert growth is not None
     assert abs(float(growth[1])) < 5
 
 

@@ -10,14 +10,7 @@ from drl_av.config import Config, load_config
 from drl_av.config.presets import preset
 from drl_av.drivers.background.level_k import LEVELS
 from drl_av.drivers.learned import load_actor
-from drl_av.drivers.policy_file import (
-    PRETRAINED,
-    SHIPPED,
-    find_policy,
-    load,
-    load_policy,
-    save_policy,
-)
+from drl_av.drivers.policy_file import SHIPPED, find_policy, load, load_policy, save_policy
 from drl_av.drivers.registry import default_config, find_drivers, load_driver, make_drivers
 from drl_av.drivers.rule_based import IdmDriver
 from drl_av.env.highway import HighwayEnv
@@ -27,11 +20,14 @@ from studies.results import ResultsFolder
 from verification.ramps import drive as drive_ramp
 
 RAMPS = ("merge", "exit", "ramp_to_ramp")
+ACTORS = ("pretrained", *(f"pretrained-{kind}" for kind in RAMPS))
 
 
-def test_it_was_trained_by_the_preset_large() -> None:
-    config = load_actor(PRETRAINED / "policy.safetensors")[1]
-    assert config == load_config(PRETRAINED / "config.toml") == preset("large")
+@pytest.mark.parametrize("name", ACTORS)
+def test_they_were_trained_by_the_preset_large_of_their_road(name: str) -> None:
+    config = load_actor(SHIPPED[name] / "policy.safetensors")[1]
+    large = preset(name.replace("pretrained", "large"))
+    assert config == load_config(SHIPPED[name] / "config.toml") == large
 
 
 def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper() -> None:
@@ -44,13 +40,6 @@ def test_the_driver_of_the_paper_was_trained_by_the_whole_schedule_of_the_paper(
 
 
 @pytest.mark.parametrize("kind", RAMPS)
-def test_on_the_ramps_they_were_trained_by_the_preset_of_their_road(kind: str) -> None:
-    folder = SHIPPED[f"pretrained-{kind}"]
-    config = load_actor(folder / "policy.safetensors")[1]
-    assert config == load_config(folder / "config.toml") == preset(f"large-{kind}")
-
-
-@pytest.mark.parametrize("kind", RAMPS)
 def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind: str) -> None:
     config = preset(f"paper-{kind}")
     driver = load_driver(f"pretrained-{kind}")
@@ -60,7 +49,6 @@ def test_on_ramps_they_reach_the_end_of_their_way_without_hitting_anything(kind:
     assert sum(trip.success for trip in trips) >= 5
 
 
-ACTORS = ("pretrained", *(f"pretrained-{kind}" for kind in RAMPS))
 Q_NETWORKS = {name: folder for name, folder in SHIPPED.items() if name not in ACTORS}
 Q_NETWORKS |= {folder.name: folder for folder in LEVELS.values()}
 
@@ -74,10 +62,10 @@ def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_wri
     assert config == load_config(folder / "config.toml")
     save_policy(again, network, config)
     assert load_policy(again)[1] == config
-    tensors, written = load(shipped)[0], load(again)[0]
-    assert {k: v.tobytes() for k, v in tensors.items()} == {
-        k: v.tobytes() for k, v in written.items()
-    }
+    tensors, written = (
+        {name: array.tobytes() for name, array in load(file)[0].items()} for file in (shipped, again)
+    )
+    assert tensors == written
 
 
 @pytest.mark.parametrize("name", ["pretrained", "pretrained-paper"])

@@ -58,7 +58,6 @@ def test_an_abort_turns_within_a_second_and_ends_on_the_centre_it_came_from(
 
 def test_the_heading_is_that_of_the_two_speeds() -> None:
     [world] = steer(scene(speed_m_s=20.0), TO_LEFT)
-    assert world.lane_change is not None
     drift = float(world.snapshot.lateral_speed_m_s[0])
     assert math.tan(world.lane_change.heading_rad) == pytest.approx(drift / 20.0)
     assert world.lane_change.reversed().heading_rad == world.lane_change.heading_rad
@@ -104,7 +103,6 @@ def test_whatever_is_decided_the_ego_stays_on_the_road(
             assert end.y_m in (RIGHT, CENTER, LEFT)
             assert end.lateral_speed_m_s == 0
         else:
-            assert change is not None
             assert running[:2] == change[:2]
             # readable from position and velocity, from 5 m/s on: it moves where it is going
             assert end.speed_m_s < 5 or end.lateral_speed_m_s * running.sign > 0

@@ -53,10 +53,6 @@ def test_the_roads_own_curvature_is_fed_forward() -> None:
     assert curvature_command(-0.001, 3.8, 0.0, 20.0, LANE_M, EGO) == pytest.approx(0.00128)
 
 
-def test_on_the_centre_and_along_the_lane_nothing_is_steered() -> None:
-    assert command(0.0) == 0.0
-
-
 def test_a_walking_ego_turns_as_sharply_as_it_can_and_needs_10_7_m() -> None:
     # 6 * 3.8 / L^2 = 0.2 at L = sqrt(114) = 10.677 m, which T_LC v falls below at 2.135 m/s
     assert lane_change_length(1.0, LANE_M, EGO) == pytest.approx(10.6771, abs=1e-4)

@@ -126,7 +126,6 @@ def test_the_gap_ahead_reaches_over_the_junction(net: Path) -> None:
     _, scene, decision = attached(Does(), "permit_all")
     in_m, over_m = sumo.lane.getLength("in_2"), sumo.lane.getLength(":b_1_1")
     front = scene.affordances.own_front
-    assert front is not None
     assert front.gap_m == pytest.approx((in_m - 500) + over_m + (100 - 5), abs=1e-6)
     assert decision["indicators"][0] == front.gap_m
     # the decoy drives two lanes to the right: it is in no lane that the ego observes
@@ -274,7 +273,6 @@ def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(tmp_path: Path)
     inside_m = sum(sumo.lane.getLength(n) for n in sumo.lane.getIDList() if n[0] == ":")
     at_m = {name: sumo.vehicle.getLanePosition(name) for name in ("ego", "rear")}
     behind_m = 300 - at_m["rear"] + 60 + inside_m + at_m["ego"] - 5
-    assert seen.own_rear is not None
     assert seen.own_rear.gap_m == pytest.approx(behind_m, abs=0.5)
     assert seen.own_front is None
 
@@ -336,7 +334,6 @@ def test_a_truck_that_leaves_over_a_short_edge_stays_in_sight(tmp_path: Path) ->
     begin_on(net, "e0 e1", car("ego", 0, 300, 20, "way") + truck, CAR + long)
     front = attached(Does(), "permit_all")[1].affordances.own_front
     inside_m = [sumo.lane.getLength(name) for name in sumo.lane.getIDList() if name[0] == ":"]
-    assert front is not None
     rear_m = sumo.lane.getLength("e0_0") + 4 + sumo.vehicle.getLanePosition("truck") - 18
     gap_m = rear_m - sumo.vehicle.getLanePosition("ego")
     assert gap_m < front.gap_m <= gap_m + sum(inside_m)

@@ -101,7 +101,6 @@ def test_placed_vehicles_start_exactly_where_the_scenario_has_them(place: Place)
         assert shot.speed_m_s == pytest.approx([22.0, 31.0, 12.5, 20.0])
         assert not shot.lateral_speed_m_s.any()
         front = made.scene.affordances.own_front
-        assert front is not None
         assert (front.gap_m, front.relative_speed_m_s) == pytest.approx((29.0, -9.5))
 
 

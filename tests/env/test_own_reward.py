@@ -83,7 +83,6 @@ def test_the_spec_has_the_length_of_an_episode_and_nothing_truncates_earlier(
 ) -> None:
     config = Config().updated("simulation", decisions_per_episode=decisions)
     made = gymnasium.make(ID, config=config)
-    assert made.spec is not None
     assert made.spec.max_episode_steps == decisions
     for env in (made, gymnasium.make(made.spec)):
         env.reset(seed=1, options={"vehicles": 0})
@@ -94,7 +93,6 @@ def test_the_spec_has_the_length_of_an_episode_and_nothing_truncates_earlier(
 
 def test_gymnasium_s_own_argument_cuts_an_episode_short() -> None:
     made = gymnasium.make(ID, max_episode_steps=2)
-    assert made.spec is not None
     assert made.spec.max_episode_steps == 2
     made.reset(seed=1, options={"vehicles": 0})
     assert [made.step(KEEP)[3] for _ in range(2)] == [False, True]

@@ -258,7 +258,6 @@ def test_the_overall_statistics_compare_each_driver_with_the_fastest_baseline() 
     idm, slow, mine = overall(rows, ["slow", "idm", "absent"])
     assert (idm.driver, idm.over, idm.improvement) == ("idm", None, None)
     assert (slow.over, mine.over, mine.episodes) == ("idm", "idm", 4)
-    assert mine.improvement is not None
     # of 22 and 21 against 20 and 22: 3 pairs and half a tie less; of 13 and 11 against 10 and 12: 3
     assert mine.improvement.value == (2.5 / 4 + 3 / 4) / 2
     assert mine.speed_m_s.value == (13 + 21) / 2  # 11, 13, 21 and 22 without the outer two

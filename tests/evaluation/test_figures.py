@@ -173,7 +173,6 @@ def test_names_are_in_the_legend_as_they_are(tmp_path: Path) -> None:
     for figure in (speed_figure(speeds), learning_figure(runs)):
         [axes] = figure.axes
         legend = axes.get_legend()
-        assert legend is not None
         assert [text.get_text() for text in legend.get_texts()] == NAMES
         save_figure(figure, tmp_path / "figure.png")
 

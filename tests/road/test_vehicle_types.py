@@ -95,7 +95,6 @@ def test_gaps_to_trucks_of_12_m_are_those_that_sumo_sees(changed: Change) -> Non
         assert shot.length_m.tolist() == [5.0, 12.0]
         assert shot.width_m.tolist() == [1.8, 2.4]
         assert shot.s_m.tolist() == [97.5, 144.0]
-        assert ahead is not None
         assert ahead.gap_m == 38.0
         leader = env.simulation._sumo.vehicle.getLeader("ego", 100.0)
         assert leader == ("other", pytest.approx(38.0 - 2.5))  # SUMO keeps its minGap back
@@ -107,7 +106,6 @@ def test_a_long_ego_is_as_long_as_sumo_has_it(changed: Change) -> None:
         assert env.scene.snapshot.length_m.tolist() == [12.0, 5.0]
         assert env.scene.snapshot.s_m.tolist() == [94.0, 147.5]
         ahead = env.scene.affordances.own_front
-        assert ahead is not None
         assert ahead.gap_m == 45.0
 
 

@@ -59,7 +59,6 @@ def test_a_motorway_from_openstreetmap_is_one_road_whose_right_lane_comes_and_go
     assert layout.lane_positions["264306385_0"] == (1, 0.0)
     assert layout.lane_positions["264308375_0"] == (0, first)
     assert layout.lane_positions["264308376_2"] == (3, pytest.approx(joins + fourth))
-    assert start is not None
     assert (start.lanes, start.ego_lane, start.ego_front_m) == ((1, 2, 3), None, 300.0)
     assert start.speed_limits == road.speed_limits[1] == ((0.0, OPEN_LAP_M, 27.78),)
 

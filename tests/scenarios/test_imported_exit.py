@@ -69,7 +69,6 @@ def test_the_lane_of_the_exit_begins_on_the_way_and_parts_at_the_exit(folder: Pa
     assert layout.lane_positions["e1_0"] == (0, BEGINS_M)
     assert layout.lane_positions["off_0"] == (0, EXIT_M)
     assert layout.lane_positions["e1.through_0"] == (1, EXIT_M)
-    assert start is not None
     assert (start.lanes, start.ego_lane, start.ego_front_m) == ((1, 2, 3), None, 300.0)
     assert start.span_m == EXIT_M + 100.0 + BEYOND_M
     assert start.speed_limits == ((0.0, BEGINS_M, 40.0), (BEGINS_M, OPEN_LAP_M, 36.0))

@@ -60,7 +60,6 @@ def test_the_acceleration_lane_leads_nowhere_in_sumo(folder: Written) -> None:
 def test_exit_has_a_deceleration_lane_of_250_m_that_becomes_the_off_ramp(folder: Written) -> None:
     layout = load_scenario(folder("exit")).layout
     road, start = layout.road, layout.start
-    assert start is not None
     assert (start.ego_lane, start.ego_front_m) == (3, 300.0)  # 1 to 3 are the through lanes
     assert road.exit_m == 1300.0
     assert road.partial_lanes == (PartialLane(0, 1050.0, math.inf, 1050.0, 1300.0),)
@@ -84,7 +83,6 @@ def test_ramp_to_ramp_has_both_ramps_1000_m_apart(folder: Written) -> None:
     assert merge == load_scenario(folder("merge")).layout.road.partial_lanes[0]
     assert leave == PartialLane(0, 1500.0, math.inf, 1500.0, 1750.0)
     assert (layout.road.exit_m, layout.road.end_m) == (1750.0, 1850.0)
-    assert layout.start is not None
     assert (layout.start.ego_lane, layout.start.ego_front_m) == (0, 400.0)
 
 
@@ -101,7 +99,6 @@ def test_straight_leads_the_ego_2_km_from_where_followers_in_range_are_on_the_ro
     folder: Written,
 ) -> None:
     layout = load_scenario(folder("straight")).layout
-    assert layout.start is not None
     assert layout.start.ego_front_m == 300.0
     assert layout.road.end_m == 2300.0
     assert layout.road.partial_lanes == ()
@@ -263,7 +260,6 @@ def test_a_kind_from_outside_the_package_is_one_class_and_one_line(
     assert main([*words, "--lanes", "2"]) == 0
     scenario = load_scenario(tmp_path / "own")
     assert scenario.description == TwoLaneDescription(lanes=2, shoulder_m=450.0)
-    assert scenario.layout.start is not None
     assert scenario.layout.start.ego_front_m == 450.0
     with pytest.raises(SystemExit):
         main(["scenario", "--help"])

@@ -152,7 +152,6 @@ def test_a_vehicle_waits_while_the_last_one_is_too_near_and_enters_behind_it_saf
     assert not any(found.entering(float(second), blocked) for second in range(100))
     slow = dict.fromkeys(range(3), Last(45.0, 10.0))
     entering = found.entering(100.0, slow)
-    assert entering is not None
     assert entering.lane.tolist() == [0, 1, 2]
     # free 40 - 2.5 m: sqrt(10^2 + 2 * 2 * 37.5) = 15.8 m/s stops behind it with 2 m/s^2
     assert entering.speed_m_s.min() >= 10.0
@@ -166,7 +165,6 @@ def test_a_truck_enters_on_the_road_as_a_whole_too() -> None:
     near = dict.fromkeys(range(3), Last(19.9, 30.0))
     assert not any(found.entering(float(second), near) for second in range(100))
     entering = found.entering(100.0, {})
-    assert entering is not None
     assert entering.front_m.tolist() == [12.0, 12.0, 12.0]
 
 

@@ -159,7 +159,6 @@ def test_an_episode_on_a_long_way_to_the_exit_is_as_long_as_in_the_environment(
     write_scenario(tmp_path / "long", ExitDescription(approach_m=4500.0, flow_per_h=300))
     twin = {"simulation": {"world": "twin"}}
     alone = gymnasium.make("drl_av/Highway-v0", scenario=tmp_path / "long", config=twin)
-    assert alone.spec is not None
     assert alone.spec.max_episode_steps == 307
     env = TwinVectorEnv(1, scenario=tmp_path / "long")
     env.reset(seed=2_000_000)
@@ -176,7 +175,6 @@ def test_an_episode_on_a_long_way_to_the_exit_is_as_long_as_in_the_environment(
 
 def test_make_vec_takes_the_specification_of_an_environment() -> None:
     made = gymnasium.make("drl_av/Highway-v0", max_episode_steps=2)
-    assert made.spec is not None
     env = gymnasium.make_vec(made.spec, num_envs=2)
     env.reset(seed=0)
     assert env.np_random_seed == (0, 1)

@@ -51,7 +51,6 @@ def test_the_steering_plant_moves_the_ego_on_another_path_than_the_kinematic_one
             mover.decision(world, left.proposal, left)
         y_m.append(world.y_m[0, 0])
         scene = world.scene(0)
-        assert scene.lane_change is not None
         assert (scene.lane_change.heading_rad > 0.01) == (mover is steered)
     assert y_m[1] == pytest.approx(2 * 0.76)
     # 40 m of a lane change of 100 m: 3.8 (3 0.4^2 - 2 0.4^3), which the steps follow within 2 cm

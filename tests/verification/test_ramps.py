@@ -90,8 +90,6 @@ def test_sumo_takes_the_exit_of_an_empty_highway(
     found = drive(env := empty(kind), rule_driver("sumo", env.config), 0)
     assert found.success
     assert (found.ego_hit, found.was_hit, found.waits, found.forced) == (False, False, 0, False)
-    assert found.decisions is not None
-    assert found.end_s is not None
     # 1,100 or 1,450 m at up to 30 m/s, of which it drives 100 m and more on the off-ramp
     assert found.decisions + 100.0 / 30.0 < found.end_s < 60.0
 
