@@ -30,11 +30,10 @@ SEEDS = [21, 22]
 
 def episode(seed: int) -> Iterator[np.ndarray[Any, Any]]:
     """The observations of an environment that has its process to itself, all decisions 1."""
-    env = HighwayEnv(config=CONFIG)
-    yield env.reset(seed=seed)[0]
-    for _ in range(DECISIONS - 1):
-        yield env.step(1)[0]
-    env.close()
+    with HighwayEnv(config=CONFIG) as env:
+        yield env.reset(seed=seed)[0]
+        for _ in range(DECISIONS - 1):
+            yield env.step(1)[0]
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
@@ -52,14 +51,13 @@ def test_gymnasium_s_vector_environments_drive_each_as_if_alone(mode: str) -> No
 
 
 def test_gymnasium_s_wrappers_record_the_statistics_of_episodes() -> None:
-    env = RecordEpisodeStatistics(gymnasium.make(ID, config=CONFIG))
-    env.reset(seed=1)
-    rewards = []
-    for _ in range(DECISIONS):
-        _, reward, terminated, truncated, info = env.step(0)
-        rewards.append(float(reward))
-        assert not terminated
-    env.close()
+    with RecordEpisodeStatistics(gymnasium.make(ID, config=CONFIG)) as env:
+        env.reset(seed=1)
+        rewards = []
+        for _ in range(DECISIONS):
+            _, reward, terminated, truncated, info = env.step(0)
+            rewards.append(float(reward))
+            assert not terminated
     assert truncated
     assert info["episode"]["l"] == DECISIONS
     assert info["episode"]["r"] == pytest.approx(sum(rewards))
@@ -144,10 +142,9 @@ def test_workers_of_stable_baselines3_drive_as_dummies_do(method: str) -> None:
 def test_gymnasium_s_record_video_films_an_episode(tmp_path: Path) -> None:
     config = CONFIG.updated("simulation", decisions_per_episode=2)
     made = gymnasium.make(ID, config=config, render_mode="rgb_array")
-    env = RecordVideo(made, str(tmp_path), disable_logger=True)
-    env.reset(seed=1)
-    assert [env.step(0)[3] for _ in range(2)] == [False, True]
-    env.close()
+    with RecordVideo(made, str(tmp_path), disable_logger=True) as env:
+        env.reset(seed=1)
+        assert [env.step(0)[3] for _ in range(2)] == [False, True]
     [film] = tmp_path.glob("*.mp4")
     assert film.stat().st_size > 1000
 

@@ -45,10 +45,9 @@ def test_a_number_in_the_text_of_the_results_is_a_cell_of_a_table() -> None:
 
 def test_it_names_every_entry_of_info_and_no_other() -> None:
     shown = set(re.findall(r'info\["(\w+)"\]', README.partition("| term")[2]))
-    env = HighwayEnv(action_mask=True)
-    _, at_reset = env.reset(seed=1, options={"vehicles": 2})
-    *_, after_a_step = env.step(0)
-    env.close()
+    with HighwayEnv(action_mask=True) as env:
+        _, at_reset = env.reset(seed=1, options={"vehicles": 2})
+        *_, after_a_step = env.step(0)
     assert shown == set(after_a_step) | set(at_reset)
     assert all(f"`{term}`" in README for term in after_a_step["rewards"])
 

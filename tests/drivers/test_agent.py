@@ -295,19 +295,18 @@ OBSERVATIONS = Gaps(), Named(), Unbounded(), Lane(), ("ego", "own_front", "own_r
 
 @pytest.mark.parametrize("observation", OBSERVATIONS, ids=range(6))
 def test_an_agent_of_any_observation_drives_with_it(observation: Any, tmp_path: Path) -> None:
-    env = HighwayEnv(config=SHORT, observation=observation)
-    policy = "MultiInputPolicy" if isinstance(observation, Named) else "MlpPolicy"
-    model = learned(env, tmp_path / "a.zip", policy)
-    drives = {"config": SHORT, "vehicles": 5, "safety_check": "permit_all", "jobs": 1}
-    found = drl_av.evaluate(tmp_path / "a.zip", observation=observation, **drives)
-    seen, _ = env.reset(seed=found[0].seed, options={"vehicles": 5})
-    rewards, over = [], False
-    while not over:
-        action = int(model.predict(seen, deterministic=True)[0])
-        seen, reward, terminated, truncated, _ = env.step(action)
-        rewards.append(reward)
-        over = terminated or truncated
-    env.close()
+    with HighwayEnv(config=SHORT, observation=observation) as env:
+        policy = "MultiInputPolicy" if isinstance(observation, Named) else "MlpPolicy"
+        model = learned(env, tmp_path / "a.zip", policy)
+        drives = {"config": SHORT, "vehicles": 5, "safety_check": "permit_all", "jobs": 1}
+        found = drl_av.evaluate(tmp_path / "a.zip", observation=observation, **drives)
+        seen, _ = env.reset(seed=found[0].seed, options={"vehicles": 5})
+        rewards, over = [], False
+        while not over:
+            action = int(model.predict(seen, deterministic=True)[0])
+            seen, reward, terminated, truncated, _ = env.step(action)
+            rewards.append(reward)
+            over = terminated or truncated
     assert found[0].mean_reward == pytest.approx(np.mean(rewards), rel=1e-12)
 
 

@@ -34,27 +34,25 @@ def test_an_episode_is_one_of_the_kind_that_its_seed_draws() -> None:
         found.setdefault(kind_of(env), (seed, episode))
     assert set(found) == set(SINGLE_PRESETS)
     for kind, (seed, episode) in found.items():
-        alone = HighwayEnv(config=Config().with_traffic(kind))
-        assert np.array_equal(driven(alone, seed), episode)
-        alone.close()
+        with HighwayEnv(config=Config().with_traffic(kind)) as alone:
+            assert np.array_equal(driven(alone, seed), episode)
     seed, episode = found["naturalistic"]
     assert np.array_equal(driven(env, seed), episode)  # whatever was driven before
     env.close()
 
 
 def test_what_watches_the_steps_watches_those_of_the_next_kind() -> None:
-    env = HighwayEnv(config=ALL)
-    shots: list[Snapshot] = []
-    env.simulation.after_step = shots.append
-    before = kind_of(env)
-    kinds = set()
-    for seed in SEEDS[:6]:
-        shots.clear()
-        driven(env, seed)
-        kinds.add(kind_of(env))
-        assert len(shots) == 10
-    assert kinds - {before}
-    env.close()
+    with HighwayEnv(config=ALL) as env:
+        shots: list[Snapshot] = []
+        env.simulation.after_step = shots.append
+        before = kind_of(env)
+        kinds = set()
+        for seed in SEEDS[:6]:
+            shots.clear()
+            driven(env, seed)
+            kinds.add(kind_of(env))
+            assert len(shots) == 10
+        assert kinds - {before}
 
 
 def test_strict_is_refused_if_one_kind_breaks_its_assumptions(

@@ -13,11 +13,10 @@ from drl_av.env.highway import HighwayEnv
 
 
 def test_gymnasium_has_nothing_to_say() -> None:
-    made = gymnasium.make(ID)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_env(made.unwrapped, skip_render_check=True)
-    made.close()
+    with gymnasium.make(ID) as made:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            check_env(made.unwrapped, skip_render_check=True)
     reported = [str(warning.message) for warning in caught]
     assert not reported
 
@@ -32,11 +31,10 @@ def test_stable_baselines3_has_nothing_to_say(env: HighwayEnv) -> None:
 
 
 def test_made_by_its_id_it_takes_the_arguments_of_the_class() -> None:
-    made = gymnasium.make(ID, scenario="barricaded_right_lane", safety_check="permit_all")
-    assert isinstance(made.unwrapped, HighwayEnv)
-    assert made.unwrapped.config.safety.check == "permit_all"
-    assert made.unwrapped.road.open_lanes == (False, True, True)
-    made.close()
+    with gymnasium.make(ID, scenario="barricaded_right_lane", safety_check="permit_all") as made:
+        assert isinstance(made.unwrapped, HighwayEnv)
+        assert made.unwrapped.config.safety.check == "permit_all"
+        assert made.unwrapped.road.open_lanes == (False, True, True)
 
 
 def test_observation_is_the_indicators_scaled(env: HighwayEnv) -> None:

@@ -12,11 +12,10 @@ from drl_av.scenarios.folder import PlacedVehicle
 
 
 def test_the_number_of_decisions_starts_at_0_in_each_episode() -> None:
-    made = HighwayEnv(config=Config().updated("simulation", decisions_per_episode=3))
-    for _ in range(2):
-        start(made, 1)
-        assert [made.step(KEEP)[3] for _ in range(3)] == [False, False, True]
-    made.close()
+    with HighwayEnv(config=Config().updated("simulation", decisions_per_episode=3)) as made:
+        for _ in range(2):
+            start(made, 1)
+            assert [made.step(KEEP)[3] for _ in range(3)] == [False, False, True]
 
 
 def driven(position_m: float, speed_m_s: float, lane: int = 1) -> PlacedVehicle:

@@ -39,11 +39,10 @@ def test_every_vehicle_is_on_the_road_from_the_first_decision(
 
 def test_without_the_option_the_number_of_vehicles_is_drawn_from_the_config() -> None:
     config = Config().updated("traffic", vehicles_min=2, vehicles_max=4)
-    made = HighwayEnv(config=config)
-    numbers = {made.reset(seed=seed)[1]["vehicles"] for seed in range(30)}
-    assert numbers == {2, 3, 4}
-    assert made.reset(seed=7)[1]["vehicles"] == made.reset(seed=7)[1]["vehicles"]
-    made.close()
+    with HighwayEnv(config=config) as made:
+        numbers = {made.reset(seed=seed)[1]["vehicles"] for seed in range(30)}
+        assert numbers == {2, 3, 4}
+        assert made.reset(seed=7)[1]["vehicles"] == made.reset(seed=7)[1]["vehicles"]
 
 
 def test_an_unseeded_reset_never_draws_a_seed_of_evaluation(env: HighwayEnv) -> None:

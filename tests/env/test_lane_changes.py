@@ -16,21 +16,20 @@ from drl_av.scenarios.folder import PlacedVehicle
 def test_a_lane_change_moves_0_76_m_in_each_second_and_ends_exactly_on_the_centre(
     step_length_s: float,
 ) -> None:
-    made = HighwayEnv(config=Config().updated("simulation", step_length_s=step_length_s))
-    for seed in range(3):
-        start(made, 0, seed)
-        origin = made.scene.affordances.lane
-        side = LEFT if origin < 2 else RIGHT
-        sign = ACTIONS[side].lateral.sign
-        for second in range(1, 6):
-            _, _, _, _, info = made.step(side if second == 1 else KEEP)
-            assert y_m(made) == pytest.approx(origin * LANE_M + sign * 0.76 * second, abs=1e-9)
-            assert info["indicators"][26] == pytest.approx(0.76 * sign if second < 5 else 0)
-        assert y_m(made) == pytest.approx((origin + sign) * LANE_M, abs=1e-12)
-        assert made.scene.lane_change is None
-        made.step(KEEP)
-        assert y_m(made) == pytest.approx((origin + sign) * LANE_M, abs=1e-12)
-    made.close()
+    with HighwayEnv(config=Config().updated("simulation", step_length_s=step_length_s)) as made:
+        for seed in range(3):
+            start(made, 0, seed)
+            origin = made.scene.affordances.lane
+            side = LEFT if origin < 2 else RIGHT
+            sign = ACTIONS[side].lateral.sign
+            for second in range(1, 6):
+                _, _, _, _, info = made.step(side if second == 1 else KEEP)
+                assert y_m(made) == pytest.approx(origin * LANE_M + sign * 0.76 * second, abs=1e-9)
+                assert info["indicators"][26] == pytest.approx(0.76 * sign if second < 5 else 0)
+            assert y_m(made) == pytest.approx((origin + sign) * LANE_M, abs=1e-12)
+            assert made.scene.lane_change is None
+            made.step(KEEP)
+            assert y_m(made) == pytest.approx((origin + sign) * LANE_M, abs=1e-12)
 
 
 @pytest.mark.parametrize("away", [1, 2, 3, 4])

@@ -31,18 +31,17 @@ SHORT = Config().updated("simulation", decisions_per_episode=3)
 
 
 def test_step_and_render_before_reset_after_the_end_and_after_close_ask_for_a_reset() -> None:
-    env = HighwayEnv(config=SHORT, render_mode="rgb_array")
-    for misuse in (lambda: env.step(0), env.render):
+    with HighwayEnv(config=SHORT, render_mode="rgb_array") as env:
+        for misuse in (lambda: env.step(0), env.render):
+            with pytest.raises(gymnasium.error.ResetNeeded):
+                misuse()
+        env.reset(seed=1, options={"vehicles": 2})
+        for _ in range(3):
+            *_, truncated, _ = env.step(0)
+        assert truncated
         with pytest.raises(gymnasium.error.ResetNeeded):
-            misuse()
-    env.reset(seed=1, options={"vehicles": 2})
-    for _ in range(3):
-        *_, truncated, _ = env.step(0)
-    assert truncated
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(0)
-    env.reset(seed=1)
-    env.close()
+            env.step(0)
+        env.reset(seed=1)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(0)
 

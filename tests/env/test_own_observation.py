@@ -179,15 +179,14 @@ def test_an_environment_of_groups_is_one_to_gymnasium_and_drives_as_before() -> 
 
 
 def test_an_object_observes_by_itself_and_its_policy_drives_anywhere() -> None:
-    env = HighwayEnv(observation=Speed())
-    observation, info = env.reset(seed=2)
-    assert observation.tolist() == pytest.approx([info["speed_m_s"]])
-    assert env.observation_space == Speed.space
-    driver = PolicyDriver(lambda speed: 2 if speed[0] > 20 else 1, Speed())
-    unseen = np.zeros(27, np.float32)
-    assert driver.act(scene(speed_m_s=21.0), unseen).number == 2
-    assert driver.act(scene(speed_m_s=19.0), unseen).number == 1
-    env.close()
+    with HighwayEnv(observation=Speed()) as env:
+        observation, info = env.reset(seed=2)
+        assert observation.tolist() == pytest.approx([info["speed_m_s"]])
+        assert env.observation_space == Speed.space
+        driver = PolicyDriver(lambda speed: 2 if speed[0] > 20 else 1, Speed())
+        unseen = np.zeros(27, np.float32)
+        assert driver.act(scene(speed_m_s=21.0), unseen).number == 2
+        assert driver.act(scene(speed_m_s=19.0), unseen).number == 1
 
 
 class Wrong(Speed):

@@ -69,12 +69,11 @@ def test_it_receives_the_replaced_action_and_the_collision(place: Place) -> None
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, None, "1", 1j, 1e30])
 def test_what_is_no_reward_or_none_of_single_precision_is_refused(wrong: Any) -> None:
-    env = HighwayEnv(reward=lambda transition: wrong)
-    start(env, 1)
-    told = re.escape(f"returned {wrong!r}, but must return a finite number between")
-    with pytest.raises(ConfigError, match=told):
-        env.step(KEEP)
-    env.close()
+    with HighwayEnv(reward=lambda transition: wrong) as env:
+        start(env, 1)
+        told = re.escape(f"returned {wrong!r}, but must return a finite number between")
+        with pytest.raises(ConfigError, match=told):
+            env.step(KEEP)
 
 
 @pytest.mark.parametrize("decisions", [4, 250])
@@ -92,11 +91,10 @@ def test_the_spec_has_the_length_of_an_episode_and_nothing_truncates_earlier(
 
 
 def test_gymnasium_s_own_argument_cuts_an_episode_short() -> None:
-    made = gymnasium.make(ID, max_episode_steps=2)
-    assert made.spec.max_episode_steps == 2
-    made.reset(seed=1, options={"vehicles": 0})
-    assert [made.step(KEEP)[3] for _ in range(2)] == [False, True]
-    made.close()
+    with gymnasium.make(ID, max_episode_steps=2) as made:
+        assert made.spec.max_episode_steps == 2
+        made.reset(seed=1, options={"vehicles": 0})
+        assert [made.step(KEEP)[3] for _ in range(2)] == [False, True]
 
 
 def test_a_word_that_names_no_function_runs_no_file(here: Path) -> None:

@@ -19,17 +19,16 @@ STEERED = Config().updated("ego", lateral_plant="steering")
 
 
 def test_sumo_drives_the_ego_where_the_steering_plant_says() -> None:
-    env = HighwayEnv(config=STEERED)
-    env.reset(seed=0, options={"vehicles": 0})
-    origin = env.scene.affordances.lane
-    there, back = (LEFT, RIGHT) if origin < 2 else (RIGHT, LEFT)
-    for action in (there, KEEP, KEEP, back, KEEP, KEEP, KEEP, KEEP, there, *[KEEP] * 4):
-        wanted = plan(env.scene, ACTIONS[action], STEERED.ego, STEERED.simulation)
-        info = env.step(action)[4]
-        assert info["indicators"][25] == pytest.approx(wanted.commands[-1].y_m, abs=1e-9)
-        assert info["indicators"][26] == wanted.commands[-1].lateral_speed_m_s
-        assert env.scene.lane_change == wanted.lane_change
-    env.close()
+    with HighwayEnv(config=STEERED) as env:
+        env.reset(seed=0, options={"vehicles": 0})
+        origin = env.scene.affordances.lane
+        there, back = (LEFT, RIGHT) if origin < 2 else (RIGHT, LEFT)
+        for action in (there, KEEP, KEEP, back, KEEP, KEEP, KEEP, KEEP, there, *[KEEP] * 4):
+            wanted = plan(env.scene, ACTIONS[action], STEERED.ego, STEERED.simulation)
+            info = env.step(action)[4]
+            assert info["indicators"][25] == pytest.approx(wanted.commands[-1].y_m, abs=1e-9)
+            assert info["indicators"][26] == wanted.commands[-1].lateral_speed_m_s
+            assert env.scene.lane_change == wanted.lane_change
     # aborted once, and then carried out in five decisions
     assert env.scene.lane_change is None
     sign = ACTIONS[there].lateral.sign

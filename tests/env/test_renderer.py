@@ -108,10 +108,9 @@ def test_no_caption_and_no_picture_is_made_where_nothing_is_rendered(
     monkeypatch.setattr(renderer, "draw", noted("picture", draw))
     for render_mode, expected in ((None, []), ("rgb_array", ["caption", "caption", "picture"])):
         made.clear()
-        env = HighwayEnv(render_mode=render_mode)
-        env.reset(seed=1, options={"vehicles": 2})
-        env.step(0)
-        env.step(0)
-        env.render()
-        env.close()
+        with HighwayEnv(render_mode=render_mode) as env:
+            env.reset(seed=1, options={"vehicles": 2})
+            env.step(0)
+            env.step(0)
+            env.render()
         assert made == expected

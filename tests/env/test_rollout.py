@@ -133,9 +133,8 @@ def test_drive_sums_up_every_decision_of_the_episode() -> None:
 
 
 def test_on_the_real_road_the_next_scene_is_the_scene_of_the_next_decision() -> None:
-    env = HighwayEnv(config=Config().updated("simulation", decisions_per_episode=8))
-    decisions = list(rollout(env, RandomDriver(), 800_000, 12))
-    env.close()
+    with HighwayEnv(config=Config().updated("simulation", decisions_per_episode=8)) as env:
+        decisions = list(rollout(env, RandomDriver(), 800_000, 12))
     assert [each.truncated for each in decisions] == [False] * 7 + [True]
     for before, after in itertools.pairwise(decisions):
         assert before.next_scene is after.scene

@@ -67,17 +67,16 @@ def test_the_check_judges_the_scene_of_the_last_observation_and_is_obeyed() -> N
         judged.append(scene)
         return Verdict(ACTIONS[BRAKE], Rule.IN_LANE)
 
-    made = HighwayEnv(safety_check=always_brake)
-    info = start(made, 3, seed=1)
-    speeds = [info["speed_m_s"]]
-    for _ in range(3):
-        scene = made.scene
-        _, _, _, _, info = made.step(1)
-        assert judged[-1] is scene
-        assert (info["executed_action"], info["rule"]) == (BRAKE, "in_lane")
-        speeds.append(info["speed_m_s"])
-    assert np.diff(speeds) == pytest.approx([-2, -2, -2], abs=1e-6)
-    made.close()
+    with HighwayEnv(safety_check=always_brake) as made:
+        info = start(made, 3, seed=1)
+        speeds = [info["speed_m_s"]]
+        for _ in range(3):
+            scene = made.scene
+            _, _, _, _, info = made.step(1)
+            assert judged[-1] is scene
+            assert (info["executed_action"], info["rule"]) == (BRAKE, "in_lane")
+            speeds.append(info["speed_m_s"])
+        assert np.diff(speeds) == pytest.approx([-2, -2, -2], abs=1e-6)
 
 
 def test_no_decision_is_harder_than_hard_brake_or_faster_than_the_limit(env: HighwayEnv) -> None:

@@ -77,12 +77,11 @@ def test_a_film_of_three_decisions_is_as_fast_as_asked(
 
 @pytest.mark.parametrize("end", ["reset", "close"])
 def test_an_episode_that_does_not_end_is_written_too(tmp_path: Path, end: str) -> None:
-    env = drl_av.RecordVideo(highway(), tmp_path, name_prefix="mine", fps=4, rate=2.0)
-    env.reset(seed=1)
-    env.step(np.int64(0))
-    getattr(env, end)()
-    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "mine-episode-0.mp4"))[0] == 2
-    env.close()
+    with drl_av.RecordVideo(highway(), tmp_path, name_prefix="mine", fps=4, rate=2.0) as env:
+        env.reset(seed=1)
+        env.step(np.int64(0))
+        getattr(env, end)()
+        assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "mine-episode-0.mp4"))[0] == 2
     assert len(list(tmp_path.iterdir())) == 1  # the second episode has no decision
 
 
@@ -136,7 +135,6 @@ def test_another_environment_and_an_impossible_film_are_refused(tmp_path: Path) 
 
 
 def test_a_step_before_the_first_reset_asks_for_a_reset(tmp_path: Path) -> None:
-    env = drl_av.RecordVideo(highway().unwrapped, tmp_path)
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(np.int64(0))
-    env.close()
+    with drl_av.RecordVideo(highway().unwrapped, tmp_path) as env:
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            env.step(np.int64(0))

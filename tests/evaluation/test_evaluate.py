@@ -83,14 +83,13 @@ def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None
     config = default_config(find_drivers(["pretrained"]))
     config = config.updated("simulation", decisions_per_episode=6)
     driver, speeds = drl_av.load_driver("pretrained"), []
-    env = gymnasium.make("drl_av/Highway-v0", config=config)
-    observation, _ = env.reset(seed=SEED, options={"vehicles": 8})
-    driver.start(SEED)
-    for _ in range(6):
-        action = driver.act(env.unwrapped.scene, observation)  # type: ignore[attr-defined]
-        observation, *_, info = env.step(action.number)  # type: ignore[arg-type]
-        speeds.append(info["speed_m_s"])
-    env.close()
+    with gymnasium.make("drl_av/Highway-v0", config=config) as env:
+        observation, _ = env.reset(seed=SEED, options={"vehicles": 8})
+        driver.start(SEED)
+        for _ in range(6):
+            action = driver.act(env.unwrapped.scene, observation)  # type: ignore[attr-defined]
+            observation, *_, info = env.step(action.number)  # type: ignore[arg-type]
+            speeds.append(info["speed_m_s"])
     [row] = drl_av.evaluate(vehicles=8, episodes=1, seed=SEED, config=SHORT)
     assert row.mean_speed_m_s == sum(speeds) / 6
 

@@ -143,14 +143,13 @@ def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
     own_file(LOOP.format("passed.xml"))
     options = "--additional-files=mine.add.xml --device.ssm.probability 1 --device.ssm.file ssm.xml"
     options += " --fcd-output fcd.xml"
-    env = gymnasium.make("drl_av/Highway-v0", config=SHORT, sumo_options=options)
-    for seed in (4, 5):
-        env.reset(seed=seed, options={"vehicles": 20})
-        over, decisions = False, 0
-        while not over:
-            *_, terminated, truncated, _ = env.step(0)
-            over, decisions = terminated or truncated, decisions + 1
-    env.close()
+    with gymnasium.make("drl_av/Highway-v0", config=SHORT, sumo_options=options) as env:
+        for seed in (4, 5):
+            env.reset(seed=seed, options={"vehicles": 20})
+            over, decisions = False, 0
+            while not over:
+                *_, terminated, truncated, _ = env.step(0)
+                over, decisions = terminated or truncated, decisions + 1
     passed = [int(each.get("nVehContrib", "")) for each in ET.parse("passed.xml").iter("interval")]
     assert sum(passed) > 0
     times_s = [float(each.get("time", "")) for each in ET.parse("fcd.xml").iter("timestep")]

@@ -72,32 +72,30 @@ def test_an_option_changes_what_the_file_says(tmp_path: Path, folder: Path) -> N
 
 
 def test_sumo_drives_each_vehicle_with_its_type_and_the_snapshot_has_its_size(folder: Path) -> None:
-    env = HighwayEnv(folder)
-    env.reset(seed=3, options={"vehicles": 12})
-    sumo, shot = env.simulation._sumo, env.scene.snapshot
-    found = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
-    assert set(found) == set(SIZES_M)
-    assert found == [*islice(draw_types(3, (TRUCK, TAXI)), 13)]
-    for row, name in enumerate(shot.ids):
-        assert (shot.length_m[row], shot.width_m[row]) == SIZES_M[found[row]]
-        assert sumo.vehicle.getLength(name) == shot.length_m[row]
-    assert sumo.vehicletype.getParameter("taxi", "carFollowModel") in ("", "Krauss")
-    env.close()
+    with HighwayEnv(folder) as env:
+        env.reset(seed=3, options={"vehicles": 12})
+        sumo, shot = env.simulation._sumo, env.scene.snapshot
+        found = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
+        assert set(found) == set(SIZES_M)
+        assert found == [*islice(draw_types(3, (TRUCK, TAXI)), 13)]
+        for row, name in enumerate(shot.ids):
+            assert (shot.length_m[row], shot.width_m[row]) == SIZES_M[found[row]]
+            assert sumo.vehicle.getLength(name) == shot.length_m[row]
+        assert sumo.vehicletype.getParameter("taxi", "carFollowModel") in ("", "Krauss")
 
 
 def test_the_trucks_of_a_kind_of_traffic_are_among_vehicles_of_no_type_of_the_user(
     folder: Path,
 ) -> None:
     config = Config().with_traffic("naturalistic")  # a tenth are trucks of 12 m
-    env = HighwayEnv(folder, config=config)
-    env.reset(seed=4, options={"vehicles": 30})
-    sumo, shot = env.simulation._sumo, env.scene.snapshot
-    kinds = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
-    sizes = zip(kinds, shot.length_m.tolist(), shot.width_m.tolist(), strict=True)
-    trucks = ("traffic", 12.0, 2.5)
-    assert {*sizes} == {trucks, *((kind, *size) for kind, size in SIZES_M.items())}
-    assert shot.length_m.tolist() == [*map(sumo.vehicle.getLength, shot.ids)]
-    env.close()
+    with HighwayEnv(folder, config=config) as env:
+        env.reset(seed=4, options={"vehicles": 30})
+        sumo, shot = env.simulation._sumo, env.scene.snapshot
+        kinds = [sumo.vehicle.getTypeID(name).partition("@")[0] for name in shot.ids]
+        sizes = zip(kinds, shot.length_m.tolist(), shot.width_m.tolist(), strict=True)
+        trucks = ("traffic", 12.0, 2.5)
+        assert {*sizes} == {trucks, *((kind, *size) for kind, size in SIZES_M.items())}
+        assert shot.length_m.tolist() == [*map(sumo.vehicle.getLength, shot.ids)]
 
 
 def test_the_shares_are_those_of_the_types_and_the_ego_has_its_own() -> None:
@@ -117,22 +115,21 @@ def test_vehicles_that_enter_an_open_road_have_its_types_too(kind: str, tmp_path
     given = {"vehicle_types": (TRUCK, TAXI), "flow_per_h": 1500.0}
     described = ROAD_TYPES[kind](**needed(kind), **given)
     write_scenario(tmp_path / "road", described)
-    env = HighwayEnv(tmp_path / "road")
-    driven, known = [], {}
-    for seed in (4, 5, 4):
-        _, info = env.reset(seed=seed, options={"vehicles": 40})
-        first = set(env.scene.snapshot.ids)
-        for _ in range(40):
-            if not env._over:
-                env.step(0)
-        shot, sumo = env.scene.snapshot, env.simulation._sumo.vehicle
-        types = {name: sumo.getTypeID(name).partition("@")[0] for name in shot.ids}
-        for row, name in enumerate(shot.ids):
-            assert (shot.length_m[row], shot.width_m[row]) == SIZES_M[types[name]]
-            assert sumo.getLength(name) == shot.length_m[row]
-        driven.append((shot.ids, shot.s_m.tolist()))
-        known |= {name: types[name] for name in set(shot.ids) - first}
-    env.close()
+    with HighwayEnv(tmp_path / "road") as env:
+        driven, known = [], {}
+        for seed in (4, 5, 4):
+            _, info = env.reset(seed=seed, options={"vehicles": 40})
+            first = set(env.scene.snapshot.ids)
+            for _ in range(40):
+                if not env._over:
+                    env.step(0)
+            shot, sumo = env.scene.snapshot, env.simulation._sumo.vehicle
+            types = {name: sumo.getTypeID(name).partition("@")[0] for name in shot.ids}
+            for row, name in enumerate(shot.ids):
+                assert (shot.length_m[row], shot.width_m[row]) == SIZES_M[types[name]]
+                assert sumo.getLength(name) == shot.length_m[row]
+            driven.append((shot.ids, shot.s_m.tolist()))
+            known |= {name: types[name] for name in set(shot.ids) - first}
     assert info["vehicles"] == 40
     assert set(known.values()) == {"truck", "taxi", "traffic"}
     assert driven[0] == driven[2] != driven[1]
@@ -186,9 +183,8 @@ def test_vehicles_of_25_m_on_a_loop_of_100_m_have_demo_traffic_too(tmp_path: Pat
 
 def test_strict_accepts_another_size_and_refuses_another_model(tmp_path: Path) -> None:
     write_scenario(tmp_path / "trucks", ScenarioDescription(vehicle_types=(TRUCK,)))
-    env = HighwayEnv(tmp_path / "trucks", "strict")
-    env.reset(seed=1, options={"vehicles": 10})
-    env.close()
+    with HighwayEnv(tmp_path / "trucks", "strict") as env:
+        env.reset(seed=1, options={"vehicles": 10})
     write_scenario(tmp_path / "taxis", ScenarioDescription(vehicle_types=(TAXI,)))
     with pytest.raises(ConfigError, match="carFollowModel of the vehicle type taxi must be IDM"):
         HighwayEnv(tmp_path / "taxis", "strict")

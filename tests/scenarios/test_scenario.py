@@ -331,16 +331,15 @@ def test_the_demo_traffic_has_the_parameters_of_the_environment_s(tmp_path: Path
     write_scenario(tmp_path / "story", ScenarioDescription(vehicles=placed))
     steps = {float(step.attrib["time"]): step for step in states(tmp_path / "story", 40)}
     calm = Config().updated("traffic", random_lane_changes_per_s=0.0)
-    env = HighwayEnv(tmp_path / "story", "permit_all", calm)
-    env.reset(seed=1)
-    for second in range(1, 40):
-        env.step(0)
-        alone = {vehicle.attrib["id"]: vehicle.attrib for vehicle in steps[float(second)]}
-        for row, name in enumerate(env.scene.snapshot.ids[1:], start=1):
-            speed = env.scene.snapshot.speed_m_s[row]
-            assert float(alone[name]["speed"]) == pytest.approx(speed, abs=0.3), (second, name)
-            assert alone[name]["lane"].endswith("_2")  # quick does not overtake slow
-    env.close()
+    with HighwayEnv(tmp_path / "story", "permit_all", calm) as env:
+        env.reset(seed=1)
+        for second in range(1, 40):
+            env.step(0)
+            alone = {vehicle.attrib["id"]: vehicle.attrib for vehicle in steps[float(second)]}
+            for row, name in enumerate(env.scene.snapshot.ids[1:], start=1):
+                speed = env.scene.snapshot.speed_m_s[row]
+                assert float(alone[name]["speed"]) == pytest.approx(speed, abs=0.3), (second, name)
+                assert alone[name]["lane"].endswith("_2")  # quick does not overtake slow
 
 
 def test_a_placed_vehicle_starts_at_any_speed_up_to_the_limit_in_plain_sumo_too(

@@ -30,26 +30,25 @@ def test_an_episode_is_the_same_as_in_sumo(
     traffic: str, scenario: str, check: str, vehicles: int, seed: int, decisions: int
 ) -> None:
     config = Config().with_traffic(traffic)
-    sumo = HighwayEnv(scenario, check, config, action_mask=True)
-    twin = TwinVectorEnv(1, scenario, check, config)
-    start = {"seed": seed, "options": {"vehicles": vehicles}}
-    seen, info = sumo.reset(**start)  # type: ignore[arg-type]
-    seen_there, there = twin.reset(**start)  # type: ignore[arg-type]
-    draws = np.random.default_rng(seed)
-    over, decision = False, 0
-    while not over and decision < decisions:
-        assert seen_there[0] == pytest.approx(seen, abs=1e-5), decision
-        assert_equal_info(info, there)
-        permitted = np.flatnonzero(info["action_mask"])
-        action = 1 if info["action_mask"][1] else 0 if info["action_mask"][0] else 2
-        if draws.random() < 0.3 and len(permitted):
-            action = int(draws.choice(permitted))
-        seen, reward, *ends, info = sumo.step(action)
-        seen_there, reward_there, *ends_there, there = twin.step(np.array([action]))
-        assert reward_there[0] == pytest.approx(reward, abs=1e-6)
-        assert [bool(end[0]) for end in ends_there] == ends
-        over, decision = any(ends), decision + 1
-    sumo.close()
+    with HighwayEnv(scenario, check, config, action_mask=True) as sumo:
+        twin = TwinVectorEnv(1, scenario, check, config)
+        start = {"seed": seed, "options": {"vehicles": vehicles}}
+        seen, info = sumo.reset(**start)  # type: ignore[arg-type]
+        seen_there, there = twin.reset(**start)  # type: ignore[arg-type]
+        draws = np.random.default_rng(seed)
+        over, decision = False, 0
+        while not over and decision < decisions:
+            assert seen_there[0] == pytest.approx(seen, abs=1e-5), decision
+            assert_equal_info(info, there)
+            permitted = np.flatnonzero(info["action_mask"])
+            action = 1 if info["action_mask"][1] else 0 if info["action_mask"][0] else 2
+            if draws.random() < 0.3 and len(permitted):
+                action = int(draws.choice(permitted))
+            seen, reward, *ends, info = sumo.step(action)
+            seen_there, reward_there, *ends_there, there = twin.step(np.array([action]))
+            assert reward_there[0] == pytest.approx(reward, abs=1e-6)
+            assert [bool(end[0]) for end in ends_there] == ends
+            over, decision = any(ends), decision + 1
 
 
 def assert_equal_info(info: dict, there: dict) -> None:  # type: ignore[type-arg]

@@ -29,16 +29,15 @@ def test_with_its_base_alone_the_search_drives_as_that_does_and_foresees_its_way
     name: str, twin: TwinVectorEnv
 ) -> None:
     base, driver = policy(name, TWIN), load_driver(name, TWIN)
-    env = HighwayEnv(config=TWIN)
-    alone = drive(env, driver, name, 810, 12)
-    search = Search(twin, base, (Plan(),))
-    assert search.drive(810, 12) == pytest.approx(alone.mean_speed_m_s, abs=1e-9)
-    observation, _ = env.reset(seed=810, options={"vehicles": 12})
-    speeds = []
-    for _ in range(HORIZON):
-        observation, *_ = env.step(driver.act(env.scene, observation).number)
-        speeds.append(env.scene.affordances.ego_speed_m_s)
-    env.close()
+    with HighwayEnv(config=TWIN) as env:
+        alone = drive(env, driver, name, 810, 12)
+        search = Search(twin, base, (Plan(),))
+        assert search.drive(810, 12) == pytest.approx(alone.mean_speed_m_s, abs=1e-9)
+        observation, _ = env.reset(seed=810, options={"vehicles": 12})
+        speeds = []
+        for _ in range(HORIZON):
+            observation, *_ = env.step(driver.act(env.scene, observation).number)
+            speeds.append(env.scene.affordances.ego_speed_m_s)
     twin.reset(seed=810, options={"vehicles": 12})
     [way_m] = search.ways_m([search.begun(Plan())])
     # 1 s at the speeds of two steps each, so the way is at most 1 m a second off the mean speed

@@ -97,8 +97,7 @@ def test_many_scenes_at_once_are_judged_as_one_by_one_to_their_end(name: str) ->
 
 
 def test_the_random_driver_hits_nothing_under_strict_in_sumo() -> None:
-    env = HighwayEnv(config=STRICT.updated("simulation", decisions_per_episode=100))
-    results = [drive(env, RandomDriver(), "random", 850_000 + n, n) for n in (5, 15, 30)]
-    env.close()
+    with HighwayEnv(config=STRICT.updated("simulation", decisions_per_episode=100)) as env:
+        results = [drive(env, RandomDriver(), "random", 850_000 + n, n) for n in (5, 15, 30)]
     assert not any(result.ego_hit for result in results)
     assert sum(result.safety_triggers for result in results) > 20

@@ -246,10 +246,9 @@ def test_the_others_do_not_drive_otherwise_if_the_ego_sees_less_or_brakes_otherw
 
 
 def test_traffic_of_sumo_alone_gets_no_commands() -> None:
-    env = HighwayEnv(config=Config().with_traffic("calm"))
-    env.reset(seed=0, options={"vehicles": 30})
-    assert len(env.traffic_drivers(env.scene.snapshot).rows) == 0
-    env.close()
+    with HighwayEnv(config=Config().with_traffic("calm")) as env:
+        env.reset(seed=0, options={"vehicles": 30})
+        assert len(env.traffic_drivers(env.scene.snapshot).rows) == 0
 
 
 @pytest.mark.parametrize("mix", ["0,0,0,0", "0.3,0.2,0.2,0.3"])
@@ -264,13 +263,12 @@ def test_traffic_alone_never_collides(mix: str) -> None:
 
 
 def test_level_1_drivers_on_a_barricaded_road_keep_off_the_barricade() -> None:
-    env = HighwayEnv("barricaded_right_lane", config=mixed(0.5, 0, 0.5))
-    env.reset(seed=1, options={"vehicles": 20})
-    assert isinstance(env.traffic_drivers, TrafficDrivers)
-    assert load_level_k(env.road, 1).range_m == 250.0
-    over = False
-    while not over:
-        *_, terminated, truncated, _ = env.step(0)
-        over = terminated or truncated
-        assert (env.scene.snapshot.y_m[1:] > CENTER - 1.0 - 1e-6).all()
-    env.close()
+    with HighwayEnv("barricaded_right_lane", config=mixed(0.5, 0, 0.5)) as env:
+        env.reset(seed=1, options={"vehicles": 20})
+        assert isinstance(env.traffic_drivers, TrafficDrivers)
+        assert load_level_k(env.road, 1).range_m == 250.0
+        over = False
+        while not over:
+            *_, terminated, truncated, _ = env.step(0)
+            over = terminated or truncated
+            assert (env.scene.snapshot.y_m[1:] > CENTER - 1.0 - 1e-6).all()
