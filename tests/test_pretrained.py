@@ -62,9 +62,7 @@ def test_a_shipped_policy_has_the_settings_beside_it_and_comes_through_being_wri
     assert config == load_config(folder / "config.toml")
     save_policy(again, network, config)
     assert load_policy(again)[1] == config
-    tensors, written = (
-        {name: array.tobytes() for name, array in load(file)[0].items()} for file in (shipped, again)
-    )
+    [tensors, written] = ({k: v.tobytes() for k, v in load(f)[0].items()} for f in (shipped, again))
     assert tensors == written
 
 

@@ -15,6 +15,7 @@ from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import Plan, plan
+from drl_av.driving.mirror import Mirror
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road, is_open
 from drl_av.road.snapshot import Snapshot
@@ -139,6 +140,12 @@ def lateral_positions(worlds: list[Scene]) -> list[float]:
     return [float(world.snapshot.y_m[0]) for world in worlds]
 
 
+TINY_MIRROR = Mirror(
+    observation_permutation=np.array([1, 0, 2]),
+    observation_sign=np.array([1, 1, -1], np.float32),
+    action_permutation=np.array([0, 2, 1]),
+)
+"""Three indicators: gap right, gap left, own y from the middle of the road; two actions swap."""
 ALONE = scene()
 SLOW_LEADER = scene(ahead(20.0, speed_m_s=15.0))
 """20 m ahead, closing 5 m/s: T_C is 4 s, and 20 - 3 * 5 = 5 is less than 15."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from worlds import ALONE
+from worlds import ALONE, TINY_MIRROR
 
 from drl_av.config import Config
 from drl_av.drivers.learned import (
@@ -17,7 +17,7 @@ from drl_av.drivers.learned import (
     network_values,
 )
 from drl_av.drivers.network import QNetwork
-from drl_av.driving.mirror import MIRROR, Mirror, mirrored_observations
+from drl_av.driving.mirror import MIRROR, mirrored_observations
 from drl_av.errors import ConfigError
 
 ACCELERATE = 1
@@ -49,14 +49,6 @@ def test_the_driver_follows_parameters_that_change_in_place() -> None:
 def test_of_equal_values_the_first_is_taken() -> None:
     driver = LearnedDriver(stated({ACCELERATE: 0.5, ACCELERATE_LEFT: 0.5}))
     assert driver.act(ALONE, S_T).number == ACCELERATE
-
-
-# Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
-TINY_MIRROR = Mirror(
-    observation_permutation=np.array([1, 0, 2]),
-    observation_sign=np.array([1, 1, -1], np.float32),
-    action_permutation=np.array([0, 2, 1]),
-)
 
 
 def test_in_a_mirror_the_values_are_the_mean_of_both_sides() -> None:

@@ -43,7 +43,7 @@ def test_a_lane_change_begins_continues_and_ends_on_the_centre() -> None:
     assert seen(on_the_way, LEFT - 0.04) == (Action(Lateral.KEEP, MAINTAIN), None)
 
 
-def test_one_that_waits_between_the_lanes_is_still_changing_and_one_that_turns_round_aborts() -> None:
+def test_one_that_waits_between_the_lanes_is_still_changing_and_one_that_turns_aborts() -> None:
     on_the_way = changing(origin=1, target=2, seconds=2)
     assert seen(on_the_way, CENTER + 1.52) == (Action(Lateral.KEEP, MAINTAIN), LaneChange(1, 2))
     assert seen(on_the_way, CENTER + 0.76) == (Action(Lateral.RIGHT, MAINTAIN), LaneChange(2, 1))

@@ -13,10 +13,9 @@ from drl_av.env.highway import HighwayEnv
 
 
 def test_gymnasium_has_nothing_to_say() -> None:
-    with gymnasium.make(ID) as made:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            check_env(made.unwrapped, skip_render_check=True)
+    with gymnasium.make(ID) as made, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(made.unwrapped, skip_render_check=True)
     reported = [str(warning.message) for warning in caught]
     assert not reported
 

@@ -104,12 +104,7 @@ def attached(
     ego = drl_av.attach(sumo, "ego", driver or Does(), check, **given)
     decision = ego.step()
     assert decision is not None
-    return ego, scene_of(ego), decision
-
-
-def scene_of(ego: AttachedEgo) -> Scene:
-    assert ego.scene is not None
-    return ego.scene
+    return ego, ego.scene, decision
 
 
 def drive(ego: AttachedEgo, seconds: float) -> None:
@@ -229,7 +224,7 @@ def test_a_truck_that_leaves_the_route_is_ahead_until_its_rear_has_left_the_lane
         ego.step()
     sumo.simulationStep()
     ego.step()
-    assert scene_of(ego).snapshot.ids == ("ego",)
+    assert ego.scene.snapshot.ids == ("ego",)
 
 
 def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path) -> None:
@@ -250,9 +245,8 @@ def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path) -> None:
     told = 0
     for _ in range(160):  # a lap
         if ego.step() is not None:
-            seen = scene_of(ego).affordances
-            assert seen.own_front is not None
-            assert seen.own_rear is not None
+            seen = ego.scene.affordances
+            assert seen.own_front and seen.own_rear  # noqa: PT018
             if leader := sumo.vehicle.getLeader("ego", 300):
                 told += 1
                 gap_m = leader[1] + sumo.vehicle.getMinGap("ego")
@@ -378,8 +372,8 @@ def test_a_new_route_and_a_lane_that_is_closed_now_count_at_the_next_decision(ne
     for _ in range(2):
         sumo.simulationStep()
         ego.step()
-    assert scene_of(ego).affordances.mandatory.lanes == -1
-    assert not scene_of(ego).affordances.left_lane
+    assert ego.scene.affordances.mandatory.lanes == -1
+    assert not ego.scene.affordances.left_lane
 
 
 def test_a_route_to_a_light_is_refused_under_strict_when_it_begins(tmp_path: Path) -> None:

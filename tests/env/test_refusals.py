@@ -39,7 +39,6 @@ def test_reset_refuses_more_vehicles_than_fit_and_continues_after_it(env: Highwa
     ("arguments", "message"),
     [
         ({"safety_check": "papper"}, r"'papper' \(did you mean 'paper'\?\)"),
-        ({"safety_check": "permitall"}, r"\(did you mean 'permit_all'\?\)"),
         ({"safety_check": 5}, "safety_check is 5, but must be a function of"),
         ({"render_mode": "ansi"}, r"render_mode is 'ansi', but must be None, 'human' or 'rgb_arr"),
         ({"config": "/nowhere/settings.toml"}, r"/nowhere/settings.toml', but must be a preset"),
@@ -51,8 +50,3 @@ def test_reset_refuses_more_vehicles_than_fit_and_continues_after_it(env: Highwa
 def test_an_environment_refuses_bad_arguments(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         HighwayEnv(**arguments)
-
-
-def test_an_unknown_scenario_is_reported_with_the_nearest_name() -> None:
-    with pytest.raises(ScenarioError, match=r"did you mean 'circular_three_lane'\?"):
-        HighwayEnv("circular_3_lane")

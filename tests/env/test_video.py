@@ -135,6 +135,5 @@ def test_another_environment_and_an_impossible_film_are_refused(tmp_path: Path) 
 
 
 def test_a_step_before_the_first_reset_asks_for_a_reset(tmp_path: Path) -> None:
-    with drl_av.RecordVideo(highway().unwrapped, tmp_path) as env:
-        with pytest.raises(gymnasium.error.ResetNeeded):
-            env.step(np.int64(0))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        drl_av.RecordVideo(highway().unwrapped, tmp_path).step(np.int64(0))

@@ -265,9 +265,9 @@ def test_experience_of_another_replay_is_not_dropped_in_silence(
 def test_a_checkpoint_that_is_none_is_refused(trained: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(trained, tmp_path / "copy"))
     shutil.copy(folder / "policy.safetensors", folder / "checkpoint.safetensors")
-    with HighwayEnv(config=load_config(folder / "config.toml")) as env:
-        with pytest.raises(CheckpointError, match="is not a training's"):
-            warm_start(build_training(env), folder / "policy.safetensors")
+    env = HighwayEnv(config=load_config(folder / "config.toml"))
+    with env, pytest.raises(CheckpointError, match="is not a training's"):
+        warm_start(build_training(env), folder / "policy.safetensors")
 
 
 def test_experience_with_the_user_s_own_reward_is_not_mixed_with_another(

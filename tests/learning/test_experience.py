@@ -29,13 +29,9 @@ UNSAFE = decision(HARD_BRAKE, Rule.IN_LANE)
 UNSAFE_COLLISION = decision(HARD_BRAKE, Rule.IN_LANE, R_COL, terminated=True)
 
 
-def two_buffers() -> TwoBuffers:
-    return TwoBuffers(N, LearningConfig(safe_capacity=10, collision_capacity=10))
-
-
 def stored(*decisions: Transition) -> tuple[np.ndarray, np.ndarray]:
     """The rows of Buf_S and of Buf_C."""
-    buffer = two_buffers()
+    buffer = TwoBuffers(N, LearningConfig(safe_capacity=10, collision_capacity=10))
     for each in decisions:
         store(each, buffer, R_COL)
     return (buffer.safe.rows[: len(buffer.safe)], buffer.collision.rows[: len(buffer.collision)])

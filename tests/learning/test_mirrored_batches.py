@@ -2,21 +2,13 @@
 
 import numpy as np
 import pytest
+from worlds import TINY_MIRROR
 
 from drl_av.config import Config, LearningConfig
-from drl_av.driving.mirror import Mirror
 from drl_av.errors import ConfigError
 from drl_av.learning.algorithm_1 import mirror_half, require_symmetry
 from drl_av.learning.replay import TwoBuffers
 from drl_av.road.road import Road
-
-# Three indicators: gap right, gap left, own y from the middle of the road; two actions swap.
-TINY = Mirror(
-    observation_permutation=np.array([1, 0, 2]),
-    observation_sign=np.array([1, 1, -1], np.float32),
-    action_permutation=np.array([0, 2, 1]),
-)
-
 
 HALF_AND_HALF = LearningConfig(safe_capacity=10, collision_capacity=10, collision_fraction=0.5)
 
@@ -25,19 +17,13 @@ def test_half_of_the_safe_and_half_of_the_collision_rows_are_mirrored():
     buffer = TwoBuffers(3, HALF_AND_HALF)
     buffer.add_safe(np.array([0, 1, 0]), 1, -0.1, np.array([2, 3, 1]))
     buffer.add_collision(np.array([4, 5, 0]), 1, -5.0)
-    batch = mirror_half(buffer.sample(8, np.random.default_rng(0)), TINY)
+    before = buffer.state()["safe.rows"]
+    batch = mirror_half(buffer.sample(8, np.random.default_rng(0)), TINY_MIRROR)
+    assert np.array_equal(buffer.state()["safe.rows"], before)  # the experience itself stays
     assert batch.a_t.tolist() == [2, 1, 2, 1, 2, 1, 2, 1]
     assert batch.s_t[:, 0].tolist() == [1, 0, 1, 0, 5, 4, 5, 4]
     assert batch.s_tp1[:2].tolist() == [[3, 2, -1], [2, 3, 1]]
     assert batch.r_tp1.tolist() == [np.float32(-0.1)] * 4 + [-5.0] * 4
-
-
-def test_mirroring_a_batch_leaves_the_experience_itself_alone():
-    buffer = TwoBuffers(3, HALF_AND_HALF)
-    buffer.add_safe(np.array([0, 1, 0]), 1, -0.1, np.array([2, 3, 1]))
-    before = buffer.state()["safe.rows"]
-    mirror_half(buffer.sample(8, np.random.default_rng(0)), TINY)
-    assert np.array_equal(buffer.state()["safe.rows"], before)
 
 
 def test_a_lane_that_is_always_the_desired_one_is_no_road_to_mirror_unless_it_is_the_middle_one():

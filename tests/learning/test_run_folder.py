@@ -298,11 +298,6 @@ def test_numbers_that_no_training_writes_are_refused_and_change_no_file(
     require_refused(copy, str(file), capsys, "--resume")
 
 
-def test_lost_rows_are_missed(copy: Path, capsys: Capsys) -> None:
-    os.truncate(copy / "episodes.csv", 100)
-    require_refused(copy, "has lost rows", capsys, "--resume")
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -49,9 +49,6 @@ def test_merge_has_a_ramp_an_acceleration_lane_of_250_m_and_three_lanes(folder: 
     assert layout.lane_positions["beside_0"] == (0, 500.0)
     assert layout.lane_positions["after_2"] == (3, 750.0)
     assert layout.routes["ramp"] == ("ramp", "beside", "after")
-
-
-def test_the_acceleration_lane_leads_nowhere_in_sumo(folder: Written) -> None:
     ways = ways_of(folder("merge"))
     assert not [way for way in ways if way.startswith("beside 0 ")]
     assert ways > {"beside 1 after 0", "ramp 0 beside 0"}
@@ -68,9 +65,6 @@ def test_exit_has_a_deceleration_lane_of_250_m_that_becomes_the_off_ramp(folder:
     assert layout.lane_positions["exit_0"] == (0, 1050.0)
     assert layout.lane_positions["off_ramp_0"] == (0, 1300.0)
     assert layout.lane_positions["after_0"] == (1, 1300.0)
-
-
-def test_the_deceleration_lane_leads_to_the_off_ramp_only_in_sumo(folder: Written) -> None:
     ways = ways_of(folder("exit"))
     ends = [way for way in ways if way.startswith("exit 0 ") or way.split()[2] == "off_ramp"]
     assert ends == ["exit 0 off_ramp 0"]

@@ -15,7 +15,7 @@ from runs import files_of, replace_in
 
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError, SimulationError
+from drl_av.errors import ConfigError, ScenarioError, SimulationError
 from drl_av.scenarios import netconvert
 from drl_av.scenarios.folder import (
     PlacedVehicle,
@@ -24,7 +24,6 @@ from drl_av.scenarios.folder import (
     load_scenario,
     read_description,
     shipped_scenarios,
-    with_scenario,
     write_scenario,
 )
 from drl_av.scenarios.road_types import ROAD_TYPES, from_toml
@@ -41,16 +40,6 @@ PLACED_TOML = PLACED.to_toml()
 
 
 OPEN = {kind: ROAD_TYPES[kind]() for kind in ("straight", "merge", "exit", "ramp_to_ramp")}
-
-
-def test_a_folder_with_the_name_of_a_shipped_scenario_is_not_meant_and_a_warning_says_so(
-    here: Path,
-) -> None:
-    folder = here / "merge"
-    write_scenario(folder, ScenarioDescription())
-    with pytest.warns(DrlAvWarning, match=r"merge is the one that ships; write \./merge for the"):
-        assert with_scenario(Config(), "merge").simulation.scenario == "merge"
-    assert with_scenario(Config(), "./merge").simulation.scenario == str(folder)
 
 
 @pytest.mark.parametrize("name", shipped_scenarios())
