@@ -46,9 +46,9 @@ def sentence(error: BaseException, names: str = "") -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (b"a = " + b"[" * 9_000, ""),
-        (b"[learning]\nseed = " + b"9" * 9_000, ""),
-        (b'["two\\nlines"]', ""),
+        (b"a = " + b"[" * 9_000, "is not valid TOML"),
+        (b"[learning]\nseed = " + b"9" * 9_000, "is not valid TOML"),
+        (b'["two\\nlines"]', r"no section"),
         ("[learning]\nseed = 3\n".encode("utf-16"), "is not UTF-8 text .* save it as UTF-8"),
     ],
     ids=["deep", "long", "two lines", "utf-16"],
