@@ -36,8 +36,7 @@ from drl_av.driving.car_following import idm_acceleration
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.env.route_outcome import COMPLETE, EXIT_MISSED
-from drl_av.env.transition import Transition
+from drl_av.env.transition import COMPLETE, EXIT_MISSED, Transition
 from drl_av.evaluation.criterion import wilson
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import write_scenario

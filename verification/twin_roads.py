@@ -22,7 +22,7 @@ from drl_av.drivers.driver import Driver
 from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.env.route_outcome import COMPLETE
+from drl_av.env.transition import COMPLETE
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot

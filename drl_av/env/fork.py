@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from drl_av.config import Config
 from drl_av.driving.scene import Scene
 from drl_av.env.episode_start import TrafficSetup
-from drl_av.env.route_outcome import RouteOutcome
+from drl_av.env.transition import RouteOutcome
 from drl_av.env.twin_episodes import look_all
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.env.vector import TwinVectorEnv

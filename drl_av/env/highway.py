@@ -32,9 +32,8 @@ from drl_av.env.fork import copy_episode, twin_of
 from drl_av.env.observation import ObservationFunction, default_groups, observation_function
 from drl_av.env.renderer import renderer_of
 from drl_av.env.reward import Rewards
-from drl_av.env.route_outcome import COMPLETE, RouteOutcome
-from drl_av.env.scene_values import SceneValues
-from drl_av.env.transition import Observation, RewardFunction, Transition, custom_reward
+from drl_av.env.scene_values import Observation, SceneValues
+from drl_av.env.transition import COMPLETE, RewardFunction, RouteOutcome, Transition, custom_reward
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic

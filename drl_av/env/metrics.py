@@ -9,8 +9,7 @@ from drl_av.driving.actions import Longitudinal
 from drl_av.driving.affordances import Neighbor
 from drl_av.driving.scene import Scene
 from drl_av.env.reward import Rewards
-from drl_av.env.route_outcome import COMPLETE
-from drl_av.env.transition import Transition
+from drl_av.env.transition import COMPLETE, Transition
 from drl_av.files.table import PossiblyInfinite
 from drl_av.road.snapshot import EGO, Collision
 from drl_av.safety.paper import closing_speed, time_to_collision

@@ -39,8 +39,7 @@ from drl_av.env.observation import (
     default_groups,
     observation_function,
 )
-from drl_av.env.route_outcome import RouteOutcome
-from drl_av.env.transition import RewardFunction, custom_reward
+from drl_av.env.transition import RewardFunction, RouteOutcome, custom_reward
 from drl_av.env.twin_episodes import CHECK_NUMBERS, look_all
 from drl_av.env.vector_info import (
     common_info,

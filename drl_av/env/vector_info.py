@@ -9,8 +9,7 @@ import numpy.typing as npt
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
 from drl_av.env.reward import Rewards
-from drl_av.env.route_outcome import COMPLETE
-from drl_av.env.transition import Transition
+from drl_av.env.transition import COMPLETE, Transition
 from drl_av.env.world_arrays import WorldArrays
 from drl_av.road.snapshot import Collision
 from drl_av.road.sweep import KINDS, NO_CONTACT

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.env.route_outcome import RouteOutcome
+from drl_av.env.transition import RouteOutcome
 from drl_av.env.twin_episodes import decide_all, empty_episodes, look_all, task_of
 from drl_av.random_streams import Stream, generator, kind_of_traffic
 from drl_av.road.snapshot import EGO_ID, Snapshot

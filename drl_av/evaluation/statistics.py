@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from drl_av.env.metrics import EpisodeResult
-from drl_av.env.route_outcome import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
+from drl_av.env.transition import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
 from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import (
     Estimate,

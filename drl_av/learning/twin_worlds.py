@@ -20,7 +20,7 @@ from drl_av.driving.actions import ACTIONS, HARD_BRAKE, SIGNS
 from drl_av.driving.affordances import LANE, slot_of
 from drl_av.driving.wide_observation import WIDE_SIZE, scratch
 from drl_av.env.metrics import CHANGE_M_S, CRAWLING_M_S, FORCED_M_S2, SHORT_HEADWAY_S
-from drl_av.env.route_outcome import EXIT_MISSED
+from drl_av.env.transition import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
 from drl_av.road.road import RoadNumbers, ahead_m, lane_of

@@ -4,7 +4,6 @@ import math
 
 from drl_av.compiled import borrowing, inlined
 from drl_av.road.road import RoadNumbers, is_beside, mandatory_change
-from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S
 from drl_av.twin.lane_choice import ask_for_room, keep_lateral_gap, limit_move, wish
 from drl_av.twin.lane_speeds import is_open, is_seen, look_around, needs_thought, track
@@ -73,6 +72,8 @@ from drl_av.twin.worlds import (
     WIDTH_M,
     Net,
     World,
+    activate,
+    strips_with_vehicles,
 )
 
 LOOK_AHEAD_S, URGENCY = 10.0, 2.0

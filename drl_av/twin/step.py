@@ -16,7 +16,6 @@ from drl_av.simulation.speed_requests import (
     most_speed,
     wished_speed,
 )
-from drl_av.twin.active_lanes import activate, keep_active, strip_of
 from drl_av.twin.asking import its_follow_speed
 from drl_av.twin.following import (
     BRAKING_M_S2,
@@ -68,6 +67,9 @@ from drl_av.twin.worlds import (
     WISH_M_S2,
     Net,
     World,
+    activate,
+    keep_active,
+    strip_of,
 )
 
 

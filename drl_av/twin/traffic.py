@@ -24,7 +24,6 @@ from drl_av.simulation.population import (
     Population,
 )
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
-from drl_av.twin.active_lanes import activate, strips_with_vehicles
 from drl_av.twin.following import STEP_S
 from drl_av.twin.neighbors import edge_of, insert_sorted, link
 from drl_av.twin.worlds import (
@@ -69,6 +68,8 @@ from drl_av.twin.worlds import (
     IntArray,
     Net,
     World,
+    activate,
+    strips_with_vehicles,
 )
 
 ROUTE_M, LEAST_EDGES = 3000.0, 5

@@ -4,12 +4,19 @@ A world has two tables with one column a vehicle: ``x`` holds real numbers, ``z`
 row is one quantity of all vehicles, named by the constants below, in SI units. The columns beyond
 the world's ``COUNT`` are unused. Everything that SUMO's models remember between two steps is in
 these arrays, so a copy of them continues like the original.
+
+Edges change lanes in the order of SUMO's list of lanes with vehicles. A strip is one lane of one
+edge, numbered ``rank * lanes + lane`` with the rank of the edge. SUMO puts a strip in front of its
+list when a vehicle enters it empty, and takes it off when it is empty after a step. Sets of strips
+are whole numbers with a bit for each.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from drl_av.compiled import inlined
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -62,7 +69,7 @@ behind.
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
 """Entries of ``near``: the vehicles of the world, the ego included; its SUMO steps since the start;
-the length of SUMO's list of the strips with vehicles (``active_lanes``); and 1 if a vehicle has
+the length of SUMO's list of the strips with vehicles (``keep_active``); and 1 if a vehicle has
 changed lanes in this step."""
 OVERTAKES_RIGHT, KEEPS_DISTANCE, DRIVER_COUNT = 20, 21, 22
 """Further entries: 1 if a vehicle may be passed on the right above 60 km/h; 1 if each vehicle stays
@@ -163,3 +170,46 @@ def empty_worlds(worlds: int, vehicles: int, lanes: int) -> Worlds:
         notes=np.zeros((worlds, 16)),
         near=np.zeros((worlds, FIRST_ON + MOST_STRIPS), dtype=np.int64),
     )
+
+
+@inlined
+def strip_of(world: World, net: Net, i: int) -> int:
+    """Return the strip on which the front of a vehicle is."""
+    return int(net.edge_lanes[RANK, world.z[EDGE, i]] * net.lanes + world.z[LANE, i])
+
+
+@inlined
+def strips_with_vehicles(world: World, net: Net) -> int:
+    """Return the set of the strips on which vehicles are now."""
+    strips = 0
+    for i in range(world.near[COUNT]):
+        strips |= 1 << strip_of(world, net, i)
+    return strips
+
+
+@inlined
+def keep_active(world: World, strips: int) -> None:
+    """Take all other strips off the list."""
+    near, kept = world.near, 0
+    for m in range(near[ACTIVE_COUNT]):
+        strip = near[ACTIVE + m]
+        if strips >> strip & 1:
+            near[ACTIVE + kept] = strip
+            kept += 1
+    near[ACTIVE_COUNT] = kept
+
+
+@inlined
+def activate(world: World, strips: int) -> None:
+    """Put those strips in front of the list that are not on it, in the order of their numbers."""
+    near = world.near
+    for m in range(near[ACTIVE_COUNT]):
+        strips &= ~(1 << near[ACTIVE + m])
+    strip = 0
+    while strips >> strip:
+        if strips >> strip & 1:
+            for m in range(near[ACTIVE_COUNT], 0, -1):
+                near[ACTIVE + m] = near[ACTIVE + m - 1]
+            near[ACTIVE] = strip
+            near[ACTIVE_COUNT] += 1
+        strip += 1
