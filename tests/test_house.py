@@ -145,6 +145,14 @@ def test_a_room_names_sumo_modules_in_strings_only_where_it_may_import_them() ->
             assert module.split(".")[1] in ONLY_IN[str(library)], module
 
 
+@pytest.mark.parametrize("pure", ["road", "driving", "safety"])
+def test_a_pure_room_never_reaches_scenarios_or_simulation(pure: str) -> None:
+    for module in modules():
+        if module.startswith(f"drl_av.{pure}."):
+            effects = ("drl_av.simulation", "drl_av.scenarios")
+            assert not {other for other in reached(module) if other.startswith(effects)}, module
+
+
 EFFECTS = {
     *("libsumo", "traci", "sumolib", "sumo", "torch", "safetensors", "matplotlib", "gymnasium"),
     *("subprocess", "multiprocessing", "ctypes", "socket", "xml", "os", "shutil", "tempfile"),

@@ -34,9 +34,9 @@ PACKAGE = Path(cli.__file__).parent
 TINY = "[simulation]\ndecisions_per_episode = 5\n[learning]\nepisodes = 2\n"
 
 
-def program(prelude: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+def program(prelude: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     code = f"import sys\n{prelude}\nfrom drl_av.cli import main\nsys.exit(main(sys.argv[1:]))"
-    return python("-c", code, *arguments)
+    return python("-c", code, *arguments, **environment)
 
 
 @pytest.fixture
@@ -289,6 +289,14 @@ def test_without_a_terminal_the_progress_is_a_line_a_minute(
         "training 32 of 200  reward -0.5  10 decisions/s",
         "training 34 of 200  reward -0.5  10 decisions/s",
     ]
+
+
+def test_a_terminal_without_the_character_shows_its_number(settings: Path) -> None:
+    words = ("evaluate", "idm", "--vehicles", "1", "--episodes", "1", "--config", str(settings))
+    ended = program("", *words, PYTHONIOENCODING="ascii")
+    assert ended.returncode == 0
+    assert r"1 episode each, +- half" in ended.stdout
+    assert ended.stderr.removeprefix(f"{NOTICE}\n") == ""
 
 
 @pytest.mark.parametrize(
