@@ -187,23 +187,6 @@ def faster_side(
     return sign
 
 
-def terms(
-    speed_m_s: float,
-    y_m: float,
-    gap_m: float,
-    desired_m_s: float,
-    desired_m: float,
-    config: RewardConfig,
-    minimum_gap_m: float,
-) -> tuple[float, float, float]:
-    """Return the fields of ``Rewards``; ``gap_m`` is inf without a vehicle ahead."""
-    return (
-        speed_reward(speed_m_s, desired_m_s),
-        lateral_reward(y_m, desired_m),
-        gap_reward(gap_m, safe_gap(speed_m_s, config.safe_headway_s, minimum_gap_m)),
-    )
-
-
 @borrowing
 def reward_terms(
     values: FloatArray,
@@ -213,6 +196,10 @@ def reward_terms(
     safety: SafetyConfig,
 ) -> tuple[float, float, float]:
     """Return the fields of ``Rewards`` in a scene, from the arrays that ``indicators`` fills."""
-    speed_m_s, y_m = desired_values(values, codes, lane_width_m, config, safety)
+    desired_m_s, desired_m = desired_values(values, codes, lane_width_m, config, safety)
     gap_m = np.inf if codes[0] == NO_VEHICLE else values[0]
-    return terms(values[24], values[25], gap_m, speed_m_s, y_m, config, safety.minimum_gap_m)
+    return (
+        speed_reward(values[24], desired_m_s),
+        lateral_reward(values[25], desired_m),
+        gap_reward(gap_m, safe_gap(values[24], config.safe_headway_s, safety.minimum_gap_m)),
+    )

@@ -144,8 +144,7 @@ def test_safe_gap_is_1_3_s_of_headway_but_at_least_15_m(speed: float, gap: float
 
 @given(scenes(), st.sampled_from([TRAFFIC, FIXED, TOLERANT]))
 def test_every_term_lies_between_minus_one_and_zero(world: Scene, config: RewardConfig) -> None:
-    target = desired(world.indicators, config, SAFETY)
-    terms = rewards(world.affordances, target, config, MINIMUM_GAP_M)
+    terms = rewards(world, config)
     assert all(-1 <= term <= 0 for term in (*terms, terms.total))
     assert terms.total == pytest.approx(sum(terms) / 3)
 
@@ -153,7 +152,7 @@ def test_every_term_lies_between_minus_one_and_zero(world: Scene, config: Reward
 def test_terms_of_a_scene_read_the_vehicle_ahead_in_the_own_lane_only() -> None:
     # 20 m/s wants 26 m; 10 m behind a leader that is 6 m/s slower, others nearer
     world = scene(ahead(16, CENTER, 14.0), ahead(3, LEFT), behind(2, CENTER), y_m=CENTER - 0.76)
-    terms = rewards(world.affordances, Desired(23.0, CENTER), TRAFFIC, MINIMUM_GAP_M)
+    terms = rewards(world, dataclasses.replace(FIXED, desired_speed_m_s=23.0))
     assert terms.r_v == pytest.approx(exp(-0.9) - 1)
     assert terms.r_y == pytest.approx(exp(-(0.76**2) / 10) - 1)
     assert terms.r_x == pytest.approx(exp(-100 / 260) - 1)
@@ -161,7 +160,7 @@ def test_terms_of_a_scene_read_the_vehicle_ahead_in_the_own_lane_only() -> None:
 
 
 def test_without_a_vehicle_ahead_the_gap_costs_nothing() -> None:
-    assert rewards(ALONE.affordances, Desired(20.0, CENTER), TRAFFIC, MINIMUM_GAP_M).total == 0
+    assert rewards(ALONE, dataclasses.replace(FIXED, desired_speed_m_s=20.0)).total == 0
 
 
 def test_fixed_desired_values_are_30_m_s_in_the_centre_lane_whatever_the_traffic() -> None:
