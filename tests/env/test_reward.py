@@ -156,6 +156,7 @@ def test_terms_of_a_scene_read_the_vehicle_ahead_in_the_own_lane_only() -> None:
     assert terms.r_v == pytest.approx(exp(-0.9) - 1)
     assert terms.r_y == pytest.approx(exp(-(0.76**2) / 10) - 1)
     assert terms.r_x == pytest.approx(exp(-100 / 260) - 1)
+    assert rewards(scene(ahead(16, CENTER, 14.0)), FIXED).r_x == pytest.approx(terms.r_x)
     assert terms.total == pytest.approx((exp(-0.9) + exp(-0.05776) + exp(-100 / 260)) / 3 - 1)
 
 
