@@ -190,7 +190,7 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         return worst_sessions(Path(tables[0]), *given, count)
     named = [] if options.driver is None else [options.driver]
     words = [*options.source, *named] or ["pretrained"]
-    files = [word for word in words if _is_recording(Path(word))]
+    files = [w for w in words if Path(w).is_file() and Path(w).suffix not in OTHER_SOURCES]
     specs = () if files else find_drivers(words)
     allowed = 2 if [*filter(None, _written(options))] == [options.html] else 1
     if max(len(words), len(specs)) > allowed or files not in ([], words):
@@ -215,10 +215,6 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     sessions = [replay_session(recording, custom) for recording in recordings]
     require_same_traffic(sessions)
     return sessions
-
-
-def _is_recording(path: Path) -> bool:
-    return path.is_file() and path.suffix not in OTHER_SOURCES
 
 
 def _new_sessions(

@@ -56,7 +56,4 @@ def compute_values(
     """
     indicators(scene, road, range_m, values, codes)
     scale_into(values, scale, observation)
-    terms: tuple[float, float, float] = reward_terms(
-        values, codes, road.lane_width_m, reward, safety
-    )
-    return terms
+    return reward_terms(values, codes, road.lane_width_m, reward, safety)

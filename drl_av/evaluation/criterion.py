@@ -7,7 +7,7 @@ from typing import NamedTuple
 from drl_av.drivers.registry import baselines
 from drl_av.env.metrics import EpisodeResult
 from drl_av.evaluation.criticality import CriticalityResult
-from drl_av.evaluation.statistics import Mean, fastest, gain, grouped, require_distinct
+from drl_av.evaluation.statistics import fastest, gain, grouped, require_distinct
 
 PASS, FAIL, UNDECIDED = "pass", "fail", "undecided"
 SHARE_MARGIN = 0.02
@@ -117,7 +117,8 @@ def _judgement(name: str, best: str, safest: str, drives: Mapping[str, Rows]) ->
     ) -> Criterion:
         mine, other = measure(ours), measure(theirs)
         paired = gain(_by_traffic(ours, mine), _by_traffic(theirs, other), f"{name} and {best}")
-        difference, figures = _interval(paired), (_mean(ours, mine), _mean(theirs, other))
+        half, figures = paired.half_width, (_mean(ours, mine), _mean(theirs, other))
+        difference = Interval(paired.value, paired.value - half, paired.value + half)
         return Criterion(criterion, unit, decided(difference), *figures, best, difference)
 
     criteria = [
@@ -161,10 +162,6 @@ def _judgement(name: str, best: str, safest: str, drives: Mapping[str, Rows]) ->
 
 def _decided(passes: bool, fails: bool) -> str:
     return PASS if passes else FAIL if fails else UNDECIDED
-
-
-def _interval(mean: Mean) -> Interval:
-    return Interval(mean.value, mean.value - mean.half_width, mean.value + mean.half_width)
 
 
 def _no_more_episodes(
