@@ -147,8 +147,7 @@ def exists(own: int, aside: int, s_m: float, front_m: float, road: RoadNumbers) 
         nearer, lane = own + (step - 1) * (aside // abs(aside)), own + step * (aside // abs(aside))
         if not (is_beside(nearer, lane, s_m, road) and is_beside(nearer, lane, front_m, road)):
             return False
-    there: bool = is_open_at(own + aside, s_m, road)
-    return there
+    return is_open_at(own + aside, s_m, road)
 
 
 def limited(number: float) -> float:

@@ -121,8 +121,7 @@ class GroupObservation:
             np.minimum(values[:, ALLOWED] / scale.max_speed_m_s, 1.0),
         )
         every = np.hstack((scaled, np.stack(further, axis=1).astype(np.float32)))
-        selected: npt.NDArray[np.float32] = every[:, self._places]
-        return selected
+        return every[:, self._places]
 
 
 WIDE = "wide"

@@ -183,8 +183,7 @@ class Strict(WholeCheck):
 
     def fallback_is_free(self, scene: Scene) -> bool:
         """Whether the invariant holds: the ego hits no vehicle ahead in its fallback maneuver."""
-        is_free: bool = fallback_is_free.fast(*self._arguments(scene))
-        return is_free
+        return fallback_is_free.fast(*self._arguments(scene))
 
     def start_is_safe(self, scene: Scene) -> bool:
         """Whether the check can protect an episode that begins with this scene.
@@ -193,8 +192,7 @@ class Strict(WholeCheck):
         Behind: each vehicle that must stay behind (bound 4) can stop behind the ego, if the ego
         keeps its speed for one decision and then brakes hard.
         """
-        is_safe: bool = start_is_safe.fast(*self._arguments(scene))
-        return is_safe
+        return start_is_safe.fast(*self._arguments(scene))
 
     def _arguments(self, scene: Scene) -> tuple[Any, ...]:
         """Return the arguments that describe a scene to the compiled functions."""
