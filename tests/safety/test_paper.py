@@ -106,6 +106,8 @@ def test_acceleration_towards_a_vehicle_5_m_s_slower_is_replaced(
 
 def test_acceleration_is_permitted_as_soon_as_the_gap_condition_holds() -> None:
     assert checked(closing(30.1, 5.0)) == Verdict(Action(KEEP, ACCELERATE), Rule.NONE)
+    # and not for a slow approach alone: T_C is 1 m / 0.5 m/s
+    assert checked(closing(1.0, 0.5)) == Verdict(Action(KEEP, HARD_BRAKE), Rule.IN_LANE)
 
 
 @pytest.mark.parametrize("faster", [0.0, 0.5, 4.0])
