@@ -211,7 +211,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
                 )
             self._begin(np.flatnonzero(begins))
         rows = np.flatnonzero(~begins)
-        before = None if self._reward is None else self._seen(self._observed)
+        before = None if self._reward is None else self._seen()
         self._begun = False  # until the decision is complete: a function of the user may raise
         executed = self.episodes.executed[self._rows, proposed]
         rules = self.episodes.rules[self._rows, proposed]
@@ -237,7 +237,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             info |= self._start_info(np.flatnonzero(begins))
         observations = self._observations()
         if self._reward is not None and before is not None:
-            now, outcome = self._seen(observations), (rewards, terminated, complete)
+            now, outcome = self._seen(), (rewards, terminated, complete)
             for row in rows.tolist():
                 made = transition_of(self, row, (before[row], now[row]), decided, outcome)
                 rewards[row] = custom_reward(self._reward, made)
@@ -306,7 +306,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             self._pool = None
 
     def _observations(self) -> Observations:
-        """Return a copy of the present observations, which the next decision's record holds."""
+        """Return the present observations; the records of decisions hold a copy of them."""
         seen = self._look()
         self._observed = seen if self._reward is None else deepcopy(seen)
         return seen
@@ -332,9 +332,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         info |= self._info() | self._start_info(rows)
         return self._observations()
 
-    def _seen(self, observations: Observations) -> list[tuple[Scene, Any]]:
+    def _seen(self) -> list[tuple[Scene, Any]]:
         """Return the present scene of each world, with its observation."""
-        each = iterate(self.observation_space, observations)
+        each = iterate(self.observation_space, self._observed)
         return [*zip(map(self.scene, range(self.num_envs)), each, strict=True)]
 
     def _begin(

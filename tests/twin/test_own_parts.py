@@ -154,15 +154,17 @@ KEEP = np.zeros(1, np.int64)
 
 
 def test_the_reward_sees_the_observation_that_the_agent_saw() -> None:
-    seen: list[tuple[float, float]] = []
+    seen: list[tuple[Any, Any]] = []
 
     def reward(made: Any) -> float:
-        seen.append((float(made.observation[0]), float(made.next_observation[0])))
+        seen.append((made.observation, made.next_observation))
         return 0.0
 
-    env = TwinVectorEnv(observation=Noisy(), reward=reward)
-    got = [float(env.reset(seed=1, options={"vehicles": 2})[0][0, 0])]
-    got += [float(env.step(KEEP)[0][0, 0]) for _ in range(3)]
+    env, got = TwinVectorEnv(observation=Noisy(), reward=reward), []
+    for decision in range(4):
+        observed, *_ = env.step(KEEP) if decision else env.reset(seed=1, options={"vehicles": 2})
+        got.append(observed.item())
+        observed[:] = 9.0  # as an agent does that normalizes it in place
     assert seen == [*pairwise(got)]
     ended = env.fork(1).step(KEEP)[0][0, 0]  # a copy looks anew at its first scene
     assert seen[3][1] == ended
