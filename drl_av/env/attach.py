@@ -25,6 +25,7 @@ from drl_av.road.snapshot import EGO, Command, Snapshot
 from drl_av.safety import named_check
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import SafetyCheck, apply_check
+from drl_av.scenarios.imported.net_file import TRUE
 from drl_av.simulation.surroundings import Surroundings
 
 DECISION_S = 1.0
@@ -110,7 +111,7 @@ def attach(
 
 def _require_options(option: Callable[[str], str]) -> None:
     """Raise ConfigError if an option of SUMO moves the ego otherwise than it is commanded."""
-    if option("step-method.ballistic") == "true":
+    if option("step-method.ballistic").lower() in TRUE:
         raise ConfigError(
             "SUMO runs with --step-method.ballistic, in which the ego needs a longer way to stop "
             "than its driver and its check expect: start it without."

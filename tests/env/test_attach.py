@@ -452,7 +452,7 @@ def test_the_user_s_own_check_decides(net: Path) -> None:
             "--step-length 0.3 --lateral-resolution 3.5",
             *({}, "SUMO's step length is 0.3 s, but must divide one second"),
         ),
-        (USUAL + " --step-method.ballistic", {}, "a longer way to stop .*: start it without"),
+        (USUAL + " --step-method.ballistic=1", {}, "a longer way to stop .*: start it without"),
         (USUAL[:-2] + " -1", {}, "teleport the ego where it stops .*--collision.mingap-factor 0"),
         ("", {"vehicle": "nobody"}, "There is no vehicle 'nobody' on the road"),
         (
