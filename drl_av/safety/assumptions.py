@@ -144,10 +144,10 @@ def _require_one_vehicle_abreast(
     name, width_m = min(_widths_m(config, vehicle_types).items(), key=lambda item: item[1])
     widest_m = 2 * width_m + LATERAL_GAP_M
     if lane_m > widest_m + ROUNDING_M:
-        what, bound = "the scenario's lane_width_m", f"at most {widest_m:g}, and not {lane_m:g}"
+        what, bound = "the scenario's lane_width_m", f"at most {widest_m:.10g}, and not {lane_m}"
         if width_m < AS_WRITTEN.traffic.width_m:  # no road has lanes so narrow
             what = name.replace("type traffic", f"type {label}")
-            bound = f"at least {(lane_m - LATERAL_GAP_M) / 2:g}, and not {width_m:g}"
+            bound = f"at least {(lane_m - LATERAL_GAP_M) / 2:.10g}, and not {width_m:.10g}"
         reason = "bound 3 fails: two vehicles fit beside each other in a lane"
         raise _refusal(what, bound, reason)
 
@@ -172,7 +172,7 @@ def _require_narrow_vehicles(
         if width_m > most_m + ROUNDING_M:
             raise _refusal(
                 name.replace("type traffic", f"type {label}"),
-                f"at most {most_m:g}, and not {width_m:g}",
+                f"at most {most_m:.10g}, and not {width_m:.10g}",
                 "bound 3 fails: a wider vehicle overlaps the next lane while it keeps its own",
             )
 

@@ -108,6 +108,8 @@ def test_roads_that_the_argument_does_not_cover_are_refused_in_one_sentence() ->
     refused(trucks, "circumference_m must be at least 152.6, and", replace(ROAD, lap_m=152.5))
     fine = "at least the lane width, 3.1415926, and not 1"
     refused("simulation.lateral_resolution_m=1.0", fine, replace(ROAD, lane_width_m=3.1415926))
+    width = f"{TRUCKS} traffic.truck_width_m=3.79"
+    refused(width, "at most 3.5555555, and not", replace(ROAD, lane_width_m=3.6555555))
     # at 20 m/s, 22 m in the next second, rounded up to steps: 10.5 + 11 + 55 m
     sentence = "because bound 3 fails: the ego may need 77.5 m behind"
     refused("ego.max_speed_m_s=22.0", sentence, replace(ROAD, lap_m=80.0))
