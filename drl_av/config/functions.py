@@ -50,7 +50,7 @@ def import_function(word: str, what: str) -> Any:
 
 def _place(error: Exception) -> str:
     """Return the line of an imported module that raised an error; "" if no line of it ran."""
-    lines = [each for each in extract_tb(error.__traceback__) if each.filename[0] != "<"]
+    lines = [each for each in extract_tb(error.__traceback__) if each.filename[:1] not in ("", "<")]
     theirs = [each for each in lines if each.filename not in (__file__, importlib.__file__)]
     return f", line {theirs[-1].lineno} of {theirs[-1].filename}" if theirs else ""
 
