@@ -1,7 +1,7 @@
 """Observations that the user chooses: named groups of indicators, or the user's object (ours)."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -186,7 +186,7 @@ def observation_function(
     if isinstance(given, str):
         return GroupObservation([given], scale)
     if isinstance(given, Iterable):
-        if not isinstance(given, Set):
+        if not isinstance(given, set | frozenset):
             return GroupObservation(list(given), scale)
     elif not isinstance(given, type) and isinstance(getattr(given, "space", None), gymnasium.Space):
         require_function(given, "observation", "scene")
