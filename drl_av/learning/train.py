@@ -77,13 +77,15 @@ def _random_numbers_kept() -> Iterator[None]:
     """Let the program's random numbers go on after the block, in which PPO seeds them anew."""
     import torch
 
-    python, numpy, of_torch = random.getstate(), np.random.get_state(), torch.get_rng_state()
+    python, numpy = random.getstate(), np.random.get_state()
+    on_gpus = torch.cuda.is_initialized()  # type: ignore[no-untyped-call]
+    gpus = range(torch.cuda.device_count() if on_gpus else 0)
     try:
-        yield
+        with torch.random.fork_rng(gpus):
+            yield
     finally:
         random.setstate(python)
         np.random.set_state(numpy)
-        torch.set_rng_state(of_torch)
 
 
 def train_to_end(
