@@ -67,8 +67,7 @@ def train(
             "safety_check as a function, reward and episodes belong to the training by Algorithm "
             "1, but this one is PPO at scale: leave them out, or choose another preset."
         )
-    with _random_numbers_kept():
-        train_to_end(Path(out), settings, CustomParts(own_check, reward))
+    train_to_end(Path(out), settings, CustomParts(own_check, reward))
     return Path(out)
 
 
@@ -104,8 +103,9 @@ def train_to_end(
     if config.learning.algorithm == "ppo":
         from drl_av.learning.large_scale import train_at_scale  # it needs sb3-contrib
 
-        for _ in train_at_scale(folder, config):
-            pass
+        with _random_numbers_kept():
+            for _ in train_at_scale(folder, config):
+                pass
         return
     with open_training(folder, config, custom, resume=resume) as (run, training):
         events = run.folder / "tensorboard" if tensorboard else None
