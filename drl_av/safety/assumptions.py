@@ -105,8 +105,8 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> 
         if facts.get(name, 0.0) > facts[limit]:
             shown, bound = (word.replace("type traffic", f"type {label}") for word in (name, limit))
             raise ConfigError(
-                f"Under the check strict {shown} must be at most {bound}, {facts[limit]:g}, and "
-                f"not {facts[name]:g}, because {reason} fails otherwise: change one of them, or "
+                f"Under the check strict {shown} must be at most {bound}, {facts[limit]:.10g}, and "
+                f"not {facts[name]:.10g}, because {reason} fails otherwise: change one of them, or "
                 f"take {FALLBACK_CHECK}."
             )
 
