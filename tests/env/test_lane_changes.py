@@ -32,6 +32,21 @@ def test_a_lane_change_moves_0_76_m_in_each_second_and_ends_exactly_on_the_centr
             assert y_m(made) == pytest.approx((origin + sign) * LANE_M, abs=1e-12)
 
 
+@pytest.mark.parametrize("away", [1, 2, 3, 4])
+def test_a_lane_change_can_be_aborted_in_each_second(env: HighwayEnv, away: int) -> None:
+    start(env, 0)
+    origin = env.scene.affordances.lane
+    there, back = (LEFT, RIGHT) if origin < 2 else (RIGHT, LEFT)
+    sign = ACTIONS[there].lateral.sign
+    ways = []
+    for action in (there, *[KEEP] * (away - 1), back, *[KEEP] * (away - 1)):
+        env.step(action)
+        ways.append((y_m(env) - origin * LANE_M) * sign / 0.76)
+    assert ways == pytest.approx([*range(1, away + 1), *range(away - 1, -1, -1)], abs=1e-9)
+    assert y_m(env) == pytest.approx(origin * LANE_M, abs=1e-12)
+    assert env.scene.lane_change is None
+
+
 def test_lane_changes_across_the_seam_and_every_edge_of_the_loop_are_no_different(
     place: Place,
 ) -> None:
