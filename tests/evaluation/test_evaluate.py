@@ -1,6 +1,7 @@
 """``drl_av.evaluate`` and ``drl_av.load_driver``: the command line's results in a program."""
 
 import csv
+import random
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -201,13 +202,17 @@ def test_the_package_shows_its_public_names_and_nothing_else() -> None:
 
 
 def test_a_driver_is_trained_by_a_program_and_evaluated(tmp_path: Path) -> None:
+    drawn: list[float] = []
+
     def price(transition: Any) -> float:
+        drawn.append(random.random())
         return -0.25
 
     config = {**SHORT, "learning": {"hidden_units": 4, "evaluation_episodes": 1}}
     run = drl_av.train(
         tmp_path / "run", config=config, episodes=2, seed=5, reward=price, safety_check="strict"
     )
+    assert random.random() not in drawn  # the reward's own random numbers go on
     rows = list(csv.DictReader((run / "episodes.csv").read_text().splitlines()))
     assert [row["mean_reward"] for row in rows] == ["-0.25", "-0.25"]
     [row] = drl_av.evaluate(run, vehicles=1, episodes=1)
