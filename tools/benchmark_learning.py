@@ -16,7 +16,7 @@ from drl_av.config import Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.network import QNetwork
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.transition import Observation
+from drl_av.env.scene_values import Observation
 from drl_av.learning.algorithm_1 import build_training, make_buffer
 from drl_av.learning.learner import Learner
 

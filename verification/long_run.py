@@ -22,7 +22,7 @@ from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
-from drl_av.env.transition import Observation
+from drl_av.env.scene_values import Observation
 from drl_av.evaluation.provenance import provenance, read_provenance, write_provenance
 from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.table import settings_mismatch, stored_config

@@ -25,7 +25,8 @@ from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
-from drl_av.env.transition import Observation, Transition
+from drl_av.env.scene_values import Observation
+from drl_av.env.transition import Transition
 from drl_av.evaluation import DENSITIES
 from drl_av.evaluation.provenance import provenance, read_provenance, write_provenance
 from drl_av.files.atomic import require_writable

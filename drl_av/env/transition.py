@@ -5,19 +5,18 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from drl_av.driving.actions import Action
 from drl_av.driving.affordances import FRONT, LANE, Indicators
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene, unwritable
 from drl_av.env.reward import Rewards
+from drl_av.env.scene_values import Observation
 from drl_av.errors import ConfigError
 from drl_av.road.road import Road, lane_end_m, mandatory_change
 from drl_av.road.snapshot import Collision
 from drl_av.safety.check import Rule
 
-Observation = npt.NDArray[np.float32]
 EXIT_TAKEN, EXIT_MISSED = "exit taken", "exit missed"
 MERGED, NOT_MERGED = "merged", "not merged"
 COMPLETE = (EXIT_TAKEN, MERGED)

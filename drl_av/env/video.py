@@ -18,7 +18,8 @@ from drl_av.drawing.panels import Caption
 from drl_av.drawing.picture import Picture, draw
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.renderer import next_caption
-from drl_av.env.transition import Observation, Transition
+from drl_av.env.scene_values import Observation
+from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, RecordingError
 from drl_av.files.atomic import refusals
 from drl_av.road.road import Road

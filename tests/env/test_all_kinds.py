@@ -7,7 +7,7 @@ import pytest
 
 from drl_av.config import SINGLE_PRESETS, Config, TrafficConfig, from_toml
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.transition import Observation
+from drl_av.env.scene_values import Observation
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.road.snapshot import Snapshot
