@@ -141,22 +141,26 @@ def _require_one_vehicle_abreast(
             f"at least the lane width, {lane_m}, and not {resolution_m:g}",
             "bound 3 fails: vehicles drive beside each other in a lane of several strips",
         )
-    name, width_m = min(_widths_m(config, vehicle_types).items(), key=lambda item: item[1])
+    widths_m = _widths_m(config, vehicle_types, label)
+    name, width_m = min(widths_m.items(), key=lambda item: item[1])
     widest_m = 2 * width_m + LATERAL_GAP_M
     if lane_m > widest_m + ROUNDING_M:
         what, bound = "the scenario's lane_width_m", f"at most {widest_m:.10g}, and not {lane_m}"
         if width_m < AS_WRITTEN.traffic.width_m:  # no road has lanes so narrow
-            what = name.replace("type traffic", f"type {label}")
+            what = name
             bound = f"at least {(lane_m - LATERAL_GAP_M) / 2:.10g}, and not {width_m:.10g}"
         reason = "bound 3 fails: two vehicles fit beside each other in a lane"
         raise _refusal(what, bound, reason)
 
 
-def _widths_m(config: Config, vehicle_types: VehicleTypes) -> dict[str, float]:
-    """Return the widths of the two vehicle types, and of trucks if there are any, by name."""
+def _widths_m(config: Config, vehicle_types: VehicleTypes, label: str) -> dict[str, float]:
+    """Return the widths of both vehicle types, and of trucks if there are any, by name.
+
+    ``label`` is the name of the type of the other vehicles.
+    """
     widths_m = {
         "the width of the vehicle type ego": vehicle_types.ego.width_m,
-        "the width of the vehicle type traffic": vehicle_types.traffic.width_m,
+        f"the width of the vehicle type {label}": vehicle_types.traffic.width_m,
     }
     if config.traffic.truck_share:
         widths_m["traffic.truck_width_m"] = config.traffic.truck_width_m
@@ -168,10 +172,10 @@ def _require_narrow_vehicles(
 ) -> None:
     """Raise ConfigError if a vehicle within ``ARRIVED_M`` of a centre may be in two lanes."""
     most_m = road.lane_width_m - 2 * ARRIVED_M
-    for name, width_m in _widths_m(config, vehicle_types).items():
+    for name, width_m in _widths_m(config, vehicle_types, label).items():
         if width_m > most_m + ROUNDING_M:
             raise _refusal(
-                name.replace("type traffic", f"type {label}"),
+                name,
                 f"at most {most_m:.10g}, and not {width_m:.10g}",
                 "bound 3 fails: a wider vehicle overlaps the next lane while it keeps its own",
             )
