@@ -5,8 +5,23 @@ import math
 from drl_av.compiled import borrowing, inlined
 from drl_av.road.road import RoadNumbers, is_beside, mandatory_change
 from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S
-from drl_av.twin.lane_choice import ask_for_room, keep_lateral_gap, limit_move, wish
-from drl_av.twin.lane_speeds import is_open, is_seen, look_around, needs_thought, track
+from drl_av.twin.lane_choice import (
+    ask_for_room,
+    go_for_speed,
+    is_at_ease,
+    keep_lateral_gap,
+    limit_move,
+    move_for_speed,
+    wish,
+)
+from drl_av.twin.lane_speeds import (
+    is_open,
+    is_seen,
+    look_around,
+    needs_thought,
+    track,
+    weigh_gains,
+)
 from drl_av.twin.lateral_room import (
     FOLLOWER,
     LAST_LEFT,
@@ -159,17 +174,26 @@ def change_lane(world: World, net: Net, k: int) -> None:
     edge = world.z[EDGE, i]
     sides = RIGHT if is_seen(net, edge, own - 1) else 0
     sides |= LEFT if is_seen(net, edge, own + 1) else 0
+    world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
+    eases = is_at_ease(world, net, i, sides)
+    to_right_m, to_left_m = 0.0, 0.0
+    if eases:
+        to_right_m = move_for_speed(world, net, i, -1, sides) if sides & RIGHT else 0.0
+        to_left_m = move_for_speed(world, net, i, 1, sides) if sides & LEFT else 0.0
+        weigh_gains(world, net, i, 0, sides)
+        if to_right_m == 0.0 and to_left_m == 0.0:
+            settle(world, i)
+            return
     look_behind(world, net, k)
     pos_m = world.x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge]
     notes[LEFT_SPACE] = net.edges_m[EDGE_ROUTE, edge] - pos_m
-    world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     right, right_m, right_all_m = 0, 0.0, 0.0
     if sides & RIGHT:
-        right, right_m, right_all_m = considered(world, net, i, -1, sides)
+        right, right_m, right_all_m = considered(world, net, i, -1, sides, eases, to_right_m)
     left, left_m, left_all_m = 0, 0.0, 0.0
     if sides & LEFT:
-        left, left_m, left_all_m = considered(world, net, i, 1, sides)
-    here, here_m, here_all_m = considered(world, net, i, 0, sides)
+        left, left_m, left_all_m = considered(world, net, i, 1, sides, eases, to_left_m)
+    here, here_m, here_all_m = considered(world, net, i, 0, sides, eases, 0.0)
     state, move_m, all_m, side = right, right_m, right_all_m, -1
     if is_second(right, right_m, left, left_m, -1, 1):
         state, move_m, all_m, side = left, left_m, left_all_m, 1
@@ -272,9 +296,19 @@ def reserve(world: World, net: Net, i: int) -> None:
 
 
 @borrowing
-def considered(world: World, net: Net, i: int, side: int, sides: int) -> tuple[int, float, float]:
-    """Return the state, the move and the maneuver to which considering a side leads."""
-    state = wish(world, net, i, side, sides)
+def considered(
+    world: World, net: Net, i: int, side: int, sides: int, eases: bool, gain_m: float
+) -> tuple[int, float, float]:
+    """Return the state, the move and the maneuver to which considering a side leads.
+
+    A vehicle at ease (``is_at_ease``) makes the move ``gain_m`` of ``move_for_speed`` or none.
+    """
+    if not eases:
+        state = wish(world, net, i, side, sides)
+    elif gain_m != 0.0:
+        state = go_for_speed(world, net, i, side, 0, gain_m)
+    else:
+        return SUBLANE | STAY, 0.0, 0.0
     state = keep_lateral_gap(world, net, i, side, state)
     state |= signed(state, world.notes[MOVE])
     limit_move(world, i)

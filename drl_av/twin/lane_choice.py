@@ -58,6 +58,7 @@ from drl_av.twin.worlds import (
     REASONS,
     REQUEST_END,
     REQUESTED,
+    RIGHT,
     SPEED_GAIN,
     SPEED_M_S,
     STATE,
@@ -81,7 +82,7 @@ COOPERATION = 1.0
 @inlined
 def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
     """Return the state after considering a side; the move and maneuver go to ``notes``."""
-    notes, near = world.notes, world.near
+    notes = world.notes
     notes[MOVE] = 0.0
     notes[MANEUVER] = 0.0
     state = world.z[STATE, i] & ASKED
@@ -89,12 +90,10 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
     request, on_request_only = request_of(world, net, i), world.z[ON_REQUEST_ONLY, i]
     is_commanded = world.x[COMMANDED_M, i] != 0
     across_m = 0.0
+    if side > 0:
+        stay_behind_on_left(world, i)
     if side != 0:
         across_m = lane_side_distance(width_m, aside_m, side, net.lane_m)
-        ahead = near[LEADER + 2]
-        fast = world.x[SPEED_M_S, i] >= CONGESTED_M_S
-        if side > 0 and ahead >= 0 and fast and not world.near[OVERTAKES_RIGHT]:
-            keep_behind(world, i, ahead, notes[LEADER + 2])
         if own + side < net.first_open:
             state |= STAY | STRATEGIC
         if request != 0:
@@ -132,21 +131,65 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
                 notes[MANEUVER] = notes[MOVE]
                 return wanted | check_blocking(world, net, i, side, LATERAL_GAP_M, False)
     move_m, stays = weigh_gains(world, net, i, side, sides)
-    goes_right = side <= 0 and move_m < 0
-    goes_right = goes_right and world.x[GAIN_RIGHT, i] >= max(
-        world.x[THRESHOLD_RIGHT, i], world.x[GAIN_LEFT, i]
-    )
-    goes_left = side >= 0 and move_m > 0
-    goes_left = goes_left and world.x[GAIN_LEFT, i] > world.x[THRESHOLD_LEFT, i]
-    if goes_right or goes_left:
+    if gains_enough(world, i, side, move_m):
         wanted = state | SPEED_GAIN
         asked = wanted | signed(wanted, move_m)
         if influenced(asked, request, on_request_only, is_commanded) == asked:
-            notes[MOVE] = move_m
-            notes[MANEUVER] = move_m
-            return wanted | check_blocking(world, net, i, side, 0.0, False)
+            return go_for_speed(world, net, i, side, state, move_m)
         move_m = 0.0
     return align(world, net, i, side, state, request, move_m, stays)
+
+
+@inlined
+def stay_behind_on_left(world: World, i: int) -> None:
+    """Advise a driver above 60 km/h not to pass the one ahead in the left lane on its right."""
+    ahead = world.near[LEADER + 2]
+    if ahead >= 0 and world.x[SPEED_M_S, i] >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]:
+        keep_behind(world, i, ahead, world.notes[LEADER + 2])
+
+
+@inlined
+def gains_enough(world: World, i: int, side: int, move_m: float) -> bool:
+    """Return whether the gain of speed by the lateral move of ``weigh_gains`` makes a driver go."""
+    x = world.x
+    if side <= 0 and move_m < 0:
+        return bool(x[GAIN_RIGHT, i] >= max(x[THRESHOLD_RIGHT, i], x[GAIN_LEFT, i]))
+    return bool(side >= 0 and move_m > 0 and x[GAIN_LEFT, i] > x[THRESHOLD_LEFT, i])
+
+
+@inlined
+def go_for_speed(world: World, net: Net, i: int, side: int, state: int, move_m: float) -> int:
+    """Return the state of a driver that makes a move for speed, with what blocks it."""
+    world.notes[MOVE] = move_m
+    world.notes[MANEUVER] = move_m
+    return state | SPEED_GAIN | check_blocking(world, net, i, side, 0.0, False)
+
+
+@inlined
+def is_at_ease(world: World, net: Net, i: int, sides: int) -> bool:
+    """Return whether a vehicle at its lane's centre could leave it for a gain of speed only.
+
+    Nothing is requested of it, no driver asks it for room, and those beside it leave it enough.
+    """
+    x, z, own = world.x, world.z, world.z[LANE, i]
+    if x[ASIDE_M, i] >= TINY_M or x[ASIDE_M, i] <= -TINY_M or z[STATE, i] & ASKED:
+        return False
+    if x[COMMANDED_M, i] != 0 or x[MANEUVER_M, i] != 0 or z[REQUEST_END, i] >= world.near[STEP]:
+        return False
+    if own < net.edge_lanes[FIRST_LANE, z[EDGE, i]] or (sides & RIGHT and own <= net.first_open):
+        return False
+    half_m = 0.5 * (x[WIDTH_M, i] + EPS)
+    return bool(0.5 * net.lane_m - TINY_M - half_m - 2 * EPS >= LATERAL_GAP_M)
+
+
+@inlined
+def move_for_speed(world: World, net: Net, i: int, side: int, sides: int) -> float:
+    """Return the lateral move to a side by which a vehicle at ease gains enough, 0 without one."""
+    if side > 0:
+        stay_behind_on_left(world, i)
+    move_m, _ = weigh_gains(world, net, i, side, sides)
+    goes = not world.z[ON_REQUEST_ONLY, i] and gains_enough(world, i, side, move_m)
+    return move_m if goes else 0.0
 
 
 @borrowing

@@ -23,6 +23,8 @@ WORLDS, DECISIONS = 16, 100
         ("overtaking", 5, "3302ab8deb4d60bf"),
         ("overtaking", 30, "ec5e3e7da5a8c217"),
         ("overtaking", 60, "66b65c2b6194d12a"),
+        ("paper", 30, "3485e03e1e225287"),
+        ("hazards", 30, "6d77516f613038f1"),
     ],
 )
 def test_the_traffic_of_an_episode_has_one_hash(kind: str, vehicles: int, expected: str) -> None:
