@@ -19,6 +19,8 @@ from drl_av.drawing.canvas import EGO_COLOR, speed_color
 from drl_av.drivers.rule_based import IdmSumoDriver
 from drl_av.evaluation.recording import Recording
 from drl_av.evaluation.replay import ReplaySession
+from drl_av.scenarios.folder import PlacedVehicle, write_scenario
+from drl_av.scenarios.highways import MergeDescription
 
 WATCH = """
 import json, sys, time
@@ -139,15 +141,17 @@ def test_the_caption_is_below_the_ego_and_beside_the_road_and_colours_are_those_
         assert math.hypot(*caption) > 500 / math.tau + 5  # the right lane is less than 4 m wide
 
 
+@pytest.mark.parametrize("placed", [(), (PlacedVehicle("ego", 1, 20.0, 20.0, 30.0),)])
 def test_an_open_road_is_in_view_from_50_m_behind_the_ego_to_200_m_ahead_of_it(
-    screen: str, tmp_path: Path
+    placed: tuple[PlacedVehicle, ...], screen: str, tmp_path: Path
 ) -> None:
-    recorded("merge", 20, 8).save(tmp_path / "merge.npz")
+    write_scenario(tmp_path / "merge", MergeDescription(vehicles=placed))
+    recorded(str(tmp_path / "merge"), 0 if placed else 20, 8).save(tmp_path / "merge.npz")
     decisions = watch(screen, tmp_path / "merge.npz")["decisions"]
     assert len(decisions) == 8
     for decision in decisions:
         x, y = decision["places"]["ego"]  # the highway leads along x
-        assert all(is_shown(decision, (x + far, y)) for far in (-45, 0, 195))
+        assert all(is_shown(decision, (max(x + far, 0.0), y)) for far in (-45, 0, 195))
         assert is_shown(decision, decision["caption_at"])
         (left, _), (right, _) = decision["box"]
         assert right - left < 300

@@ -33,7 +33,7 @@ class GuiCamera:
     def __init__(self, sumo: Any, layout: Layout) -> None:
         self._sumo, self._lane_positions = sumo, layout.lane_positions
         self._center = _center_line(sumo, layout)
-        self._lap_m, self._width_m = layout.road.lap_m, AHEAD_M + BEHIND_M + 2 * BESIDE_M
+        self._road, self._width_m = layout.road, AHEAD_M + BEHIND_M + 2 * BESIDE_M
         sumo.poi.add(CAPTION, 0.0, 0.0, (0, 0, 0, 0))
         self.follow()
 
@@ -73,7 +73,8 @@ class GuiCamera:
         _, start_m = self._lane_positions[self._sumo.vehicle.getLaneID(EGO_ID)]
         ego_m = start_m + self._sumo.vehicle.getLanePosition(EGO_ID)
         at_m, x_m, y_m = self._center
-        wanted_m = (ego_m + np.linspace(-BEHIND_M, AHEAD_M, 11)) % self._lap_m
+        wanted_m = ego_m + np.linspace(-BEHIND_M, AHEAD_M, 11)
+        wanted_m = wanted_m % self._road.lap_m if self._road.is_loop else wanted_m
         return np.column_stack([np.interp(wanted_m, at_m, x) for x in (x_m, y_m)])
 
 
