@@ -98,8 +98,8 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
         for name, text in texts.items():
             (unfinished / name).write_text(text, encoding="utf-8", newline="\n")
         for path in map(Path, description.additional_files):
-            if path.name in texts:
-                raise ScenarioError(f"{path.name} is a file of each scenario: rename yours.")
+            if (unfinished / path.name).exists():
+                raise ScenarioError(f"The scenario has a file {path.name} already: rename yours.")
             root = read_xml(path, OWN_ADDITIONAL, OWN_FILES)
             types = [each.attrib for each in root.iter("vType")]
             names = [each.id for each in _own_types(types, str(path))]

@@ -114,11 +114,14 @@ def test_a_scenario_names_files_of_its_own_folder_only(names: object, here: Path
         load_scenario("road")
 
 
-def test_a_file_with_the_name_of_another_is_not_written_over_it(here: Path, capsys: Capsys) -> None:
-    own_file(TYPES, name="view.xml")
-    Path("mine.toml").write_text('additional_files = ["view.xml"]\n')
+@pytest.mark.parametrize("names", [["view.xml"], ["two.add.xml", "two.add.xml"]])
+def test_a_file_with_the_name_of_another_is_not_written_over_it(
+    names: list[str], here: Path, capsys: Capsys
+) -> None:
+    own_file(TYPES, name=names[0])
+    Path("mine.toml").write_text(f"additional_files = {names}\n")
     assert main(["scenario", "road", "--from", "mine.toml"]) == 1
-    assert "view.xml is a file of each scenario: rename yours" in error_message(capsys)
+    assert f"The scenario has a file {names[0]} already: rename yours" in error_message(capsys)
     assert not Path("road").exists()
 
 
