@@ -1,9 +1,10 @@
 """The table of the twin beside SUMO, with hand-worked numbers; and its program, in short."""
 
+import numpy as np
 import pytest
 from runs import Capsys
 
-from verification.twin_equality import Cell, Paired, main, print_pairs
+from verification.twin_equality import Cell, Drive, Paired, equal_decisions, main, print_pairs
 
 
 def test_the_table_sums_up_speeds_lane_changes_and_orders(capsys: Capsys) -> None:
@@ -22,6 +23,13 @@ def test_the_table_sums_up_speeds_lane_changes_and_orders(capsys: Capsys) -> Non
     # 15 changes in 200 km are 0.075 a km, 30 in 400 km as many
     assert "lane changes in all: +0.0% in the twin" in lines
     assert lines[9] == "pairs of drivers that SUMO's interval separates: 5; in the same order: 4"
+
+
+@pytest.mark.parametrize(("differs_from", "equal"), [(1, 0), (3, 2), (4, 3)])
+def test_the_decisions_before_the_worlds_differ_are_equal(differs_from: int, equal: int) -> None:
+    shots = [np.full(2, float(number >= differs_from)) for number in range(4)]
+    one, other = (Drive(0.0, 0, 0.0, each) for each in ([np.zeros(2)] * 4, shots))
+    assert equal_decisions(one, other) == equal  # of the three decisions between four snapshots
 
 
 def test_the_program_drives_both_worlds(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
