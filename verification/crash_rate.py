@@ -101,7 +101,7 @@ def share(text: str) -> float:
 def main() -> int:
     """Simulate the tests of each check and print its report; return 0."""
     parser = Program(__doc__)
-    parser.number("--tests", 40_000, "for each check and share")
+    parser.number("--tests", 40_000, "for each check and share", low=2)
     parser.drivers("pretrained")
     parser.checks(CHECKS, nargs="+", default=list(CHECKS))
     add_careless(parser)

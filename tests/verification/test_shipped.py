@@ -100,6 +100,9 @@ def test_the_crash_rate_of_an_own_driver_under_an_own_check(
     words = ["--driver", "own_parts:driver", "--safety-check", "paper", "own_parts:stops"]
     monkeypatch.setattr("sys.argv", ["crash_rate.py", "--tests", "8", "--careless", "0.5", *words])
     assert crash_rate.main() == 0
+    monkeypatch.setattr("sys.argv", ["crash_rate.py", "--tests", "1"])  # it has no interval
+    with pytest.raises(SystemExit, match="2"):
+        crash_rate.main()
     printed = capsys.readouterr().out
     found = re.findall(r"driver (\S+)\n(\S+): 8 tests of (0\.\d+) km, \d with", printed)
     assert [(driver, check) for driver, check, _ in found] == [
