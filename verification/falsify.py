@@ -12,7 +12,7 @@ with ``--search``, the program instead searches for collisions with CMA-ES, whic
 the motion of all other vehicles and the proposed actions of the ego. The search and ``--sumo`` have
 three more families of scenes, on roads whose lanes begin and end. The adversary proposes the ego's
 actions too, so that a check that withstands it does so around any driver. The exit status is 1 if
-the ego hit something under ``strict`` or under a check of the user.
+the ego hit something or was hit under ``strict`` or under a check of the user.
 """
 
 import sys

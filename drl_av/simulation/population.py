@@ -371,8 +371,8 @@ def random_lane_changes(
     """
     while True:
         draws = rng.random((DECISIONS_AT_ONCE, 2, n))
-        traffic_commands: list[list[tuple[int, int]]] = [[] for _ in range(DECISIONS_AT_ONCE)]
+        changes: list[list[tuple[int, int]]] = [[] for _ in range(DECISIONS_AT_ONCE)]
         for decision, row in np.argwhere(draws[:, 0] < chance).tolist():
             if row != 0:
-                traffic_commands[decision].append((row, 1 if draws[decision, 1, row] < 0.5 else -1))
-        yield from traffic_commands
+                changes[decision].append((row, 1 if draws[decision, 1, row] < 0.5 else -1))
+        yield from changes

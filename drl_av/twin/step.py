@@ -77,7 +77,7 @@ from drl_av.twin.worlds import (
 def sumo_step(
     world: World, net: Net, road: RoadNumbers, ego_speed_m_s: float, ego_y_m: float
 ) -> None:
-    """Advance the world ``w`` by one SUMO step, in which the ego reaches this speed and place."""
+    """Advance a world by one SUMO step, in which the ego reaches a speed and lateral position."""
     if world.near[KEEPS_DISTANCE]:
         request_speeds(world, net)
     for k in range(world.near[COUNT]):

@@ -58,8 +58,8 @@ def next_position(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Te
 def corridor(p: Problem, y_m: Term, end: int, sign: int, a: Argument) -> Span:
     """Return the lateral range that the ego's body may use in a lane change.
 
-    ``drl_av.safety.strict.corridor`` computes the same range. The ego is at ``y_m`` and moves in
-    the direction ``sign``, left +1, right -1, to the centre of the lane ``end``.
+    ``drl_av.safety.reachability.corridor`` computes the same range. The ego is at ``y_m`` and moves
+    in the direction ``sign``, left +1, right -1, to the centre of the lane ``end``.
     """
     after_m = next_position(p, y_m, end, sign, a)
     lanes = [*lanes_under(p, y_m, a), *lanes_about(p, after_m, a)]
