@@ -45,8 +45,7 @@ def markdown(study: FileStudy, spec: Spec, folder: Path) -> str:
         ]
         return markdown_table([*heads, *columns], lines)
     lines = pivot.lines(columns, measures)
-    worst = ["worst"] if spec.get("worst") else []
-    return markdown_table([*heads, *columns, *(each["head"] for each in measures), *worst], lines)
+    return markdown_table([*heads, *columns, *(each["head"] for each in measures)], lines)
 
 
 class Pivot:
@@ -107,52 +106,27 @@ class Pivot:
 
     def lines(self, columns: Mapping[str, Spec], measures: Sequence[Spec]) -> list[list[str]]:
         """Return the lines of the table: texts of the group, the columns and the measures."""
-        spec, lines, lowest = self.spec, [], dict[str, float]()
-        keys = self.keys(self.names, self.shown)
-        if spec.get("bold"):
-            for head, column in columns.items():
-                means = [self.value(spec["value"], key, column) for key in keys]
-                lowest[head] = min(mean.value for mean in means if isinstance(mean, Mean))
-        if "reference" in spec:
-            over = spec["value"]["over"]
-            speed = {"interval": SPEED}
-            found = (self._select(self.rows, over | column) for column in columns.values())
-            cells = [show(measure(speed, own)) for own in found]
-            lines.append([spec["reference"], *cells, *([""] if spec.get("worst") else [])])
-        group = None
-        for key in keys:
+        spec, lines, group = self.spec, [], None
+        for key in self.keys(self.names, self.shown):
             outer = {name: key[name] for name in self.names[:-1]}
             if "best" in spec and outer != group:
                 names = [self.best({**outer, **column}) for column in columns.values()]
                 lines.append([*outer.values(), spec["best"], *names])
                 group = outer
-            lines.append(self._line(key, columns, measures, lowest))
+            lines.append(self._line(key, columns, measures))
             if "slowest" in spec and (unit := self._slowest(key)):
-                own = key | {spec["units"]: unit}
-                line = self._line(own, columns, measures, lowest)
+                line = self._line(key | {spec["units"]: unit}, columns, measures)
                 lines.append([spec["slowest"].format(unit), *line[1:]])
         return lines
 
     def _line(
-        self,
-        key: Mapping[str, Any],
-        columns: Mapping[str, Spec],
-        measures: Sequence[Spec],
-        lowest: Mapping[str, float],
+        self, key: Mapping[str, Any], columns: Mapping[str, Spec], measures: Sequence[Spec]
     ) -> list[str]:
         names = zip(self.spec.get("rows", []), self.names, strict=True)
         heads = [f"`{key[name]}`" if shown != name else str(key[name]) for shown, name in names]
         heads = [*heads[:-1], self.spec.get("text", "{}").format(heads[-1])]
-        cells, worst = [], list[tuple[float, str]]()
-        for head, column in columns.items():
-            value = self.value(self.spec["value"], key, column)
-            text = show(value, self.spec["value"].get("digits", 2))
-            if isinstance(value, Mean):
-                worst.append((value.value, f"{head}: {text}"))
-                text = f"**{text}**" if value.value == lowest.get(head) else text
-            cells.append(text)
-        cells += [self.text(each, key, {}) for each in measures]
-        return heads + cells + ([min(worst)[1]] if self.spec.get("worst") else [])
+        cells = [self.text(self.spec["value"], key, column) for column in columns.values()]
+        return heads + cells + [self.text(each, key, {}) for each in measures]
 
     def _slowest(self, key: Mapping[str, Any]) -> str | None:
         """Return the unit with the lowest mean speed in a group; None if there is only one."""

@@ -42,10 +42,9 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     | dict.fromkeys(("columns", "settings"), dict),
     "trainings": dict.fromkeys(("base", "folder", "name", "label"), str)
     | {"settings": dict, "seeds": dict, "traffic": list, "stop": int},
-    "tables": dict.fromkeys(("columns", "units", "reference", "best", "slowest", "text"), str)
+    "tables": dict.fromkeys(("columns", "units", "best", "slowest", "text"), str)
     | dict.fromkeys(("rows", "heads", "ours", "measures", "from"), list)
-    | dict.fromkeys(("where", "without", "value", "pool", "total"), dict)
-    | {"worst": bool, "bold": bool},
+    | dict.fromkeys(("where", "without", "value", "pool", "total"), dict),
     "measures": dict.fromkeys(("head", *MEASURES), str)
     | {"digits": int, "common": bool, "of": dict, "over": object},
 }
