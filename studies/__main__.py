@@ -14,8 +14,8 @@ from drl_av.errors import pluralize
 from drl_av.evaluation import LOKY, RAY
 from drl_av.evaluation.engines import require_ray
 from studies.engine import draw, make
-from studies.options import QUICK, RESULTS, Options, Study
-from studies.registry import STUDIES
+from studies.options import QUICK, RESULTS, Options
+from studies.registry import STUDIES, Study
 from studies.study import FileStudy
 
 
@@ -121,13 +121,13 @@ def _options(given: argparse.Namespace) -> Options:
 
 
 def _make(study: Study, options: Options, bar: Bar) -> None:
-    done, made = 0, False
+    done = 0
     with closing(make(study, options)) as steps:
         for progress in steps:
-            done, made = progress.done, True
+            done = progress.done
             bar.reach(*progress)
     path = options.out / f"{study.name}.csv"
-    if made:
+    if done:
         bar.say(f"{path}: {pluralize(done, 'episode')} more")
     else:
         bar.say(

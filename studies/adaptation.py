@@ -116,7 +116,6 @@ ADAPTATION = Program(
     meaning="safety triggers of a driver with and without continual adaptation",
     row=f"means over {BLOCK} episodes",
     plan=adaptation_plan,
-    derived={},
     tables={"adaptation": adaptation_table},
     figures={"adaptation": adaptation_figure},
 )

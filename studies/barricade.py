@@ -233,7 +233,6 @@ BARRICADE = Program(
     meaning="learning beside a closed lane, with the check and without (Fig. 1a)",
     row="a hundred episodes of a training, or of the driver that it trained",
     plan=barricade_plan,
-    derived={},
     tables={"barricade": barricade_table},
     figures={"barricade": barricade_figure},
 )

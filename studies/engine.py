@@ -5,7 +5,7 @@ import time
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import uuid4
 
 from drl_av.config import Config
@@ -20,8 +20,11 @@ from drl_av.evaluation.provenance import checksum
 from drl_av.evaluation.table import Inputs, ResultTable, report_corrupt_table
 from drl_av.files.atomic import make_folder, require_writable
 from drl_av.files.table import Row, write_table
-from studies.options import Call, Options, Plan, Study
+from studies.options import Call, Options, Plan
 from studies.trainings import TrainingJob, TrainingRows, train_job
+
+if TYPE_CHECKING:
+    from studies.registry import Study
 
 SAVE_EVERY_S = 30.0
 
@@ -61,11 +64,11 @@ class EpisodeCell(NamedTuple):
         return key | {"seed": str(seed)}
 
 
-def make(study: Study, options: Options) -> Generator[Progress, None, bool]:
+def make(study: "Study", options: Options) -> Generator[Progress, None, None]:
     """Make the missing rows of the study's table in ``options.out``, and its derived tables.
 
-    The generator yields the progress at least once per episode, and returns whether a row was
-    missing. The table is saved now and then, and when the work is interrupted.
+    The generator yields the progress at least once per episode. The table is saved now and then,
+    and when the work is interrupted.
 
     Raises:
         DrlAvError: the table was made with other settings or is damaged, a training's folder
@@ -78,15 +81,11 @@ def make(study: Study, options: Options) -> Generator[Progress, None, bool]:
     derived = [options.out / name for name in study.derived]
     require_writable(*derived, *(options.out / f"{name}.png" for name in study.figures))
     _save_derived(study, table)
-    missing = False
-    for progress in _make(plan, table, options):
-        missing = True
-        yield progress
+    yield from _make(plan, table, options)
     _save_derived(study, table)
-    return missing
 
 
-def draw(study: Study, folder: Path) -> Iterator[Path]:
+def draw(study: "Study", folder: Path) -> Iterator[Path]:
     """Draw the study's figures of the table in ``folder`` into it; yield the paths.
 
     Raises:
@@ -99,7 +98,7 @@ def draw(study: Study, folder: Path) -> Iterator[Path]:
         yield folder / f"{name}.png"
 
 
-def _save_derived(study: Study, table: ResultTable) -> None:
+def _save_derived(study: "Study", table: ResultTable) -> None:
     if not table.rows:
         return
     for name, derive in study.derived.items():

@@ -1,9 +1,9 @@
 """The options of ``python -m studies``, and what all kinds of studies have in common."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drl_av.config import Config, from_sections, with_files
 from drl_av.drivers.registry import default_config, find_drivers
@@ -151,45 +151,24 @@ def order_by(
     return lambda row: tuple(place(row[column]) for column, place in places.items())
 
 
-class Study(Protocol):
-    """A study: a table of results, how it is made, and the tables and figures that show it."""
-
-    @property
-    def name(self) -> str:
-        """The results are the file NAME.csv; the file NAME.json holds their provenance."""
-
-    @property
-    def meaning(self) -> str:
-        """One sentence for ``python -m studies --help`` and the documentation."""
-
-    @property
-    def row(self) -> str:
-        """The meaning of a row."""
-
-    @property
-    def derived(self) -> Mapping[str, Callable[[list[Row]], list[Row]]]:
-        """Functions that compute further tables from the rows, by file name."""
-
-    @property
-    def tables(self) -> Mapping[str, Callable[[Path], str]]:
-        """Functions that return Markdown tables of a results folder, by their marker's name."""
-
-    @property
-    def figures(self) -> "Mapping[str, Callable[[Path], Figure]]":
-        """Functions that draw a results folder, by the name of the PNG file."""
-
-    def plan(self, options: Options) -> Plan:
-        """Return what must be trained and driven."""
-
-
 @dataclass(frozen=True, eq=False)
 class Program:
-    """A study that is a program of its own (see ``Study``)."""
+    """A study that is a program of its own; ``FileStudy`` has the same attributes.
+
+    It is a table of results, how it is made, and the tables and figures that show it.
+    """
 
     name: str
+    """The results are the file NAME.csv; the file NAME.json holds their provenance."""
     meaning: str
+    """One sentence for ``python -m studies --help`` and the documentation."""
     row: str
+    """The meaning of a row."""
     plan: Callable[[Options], Plan]
-    derived: Mapping[str, Callable[[list[Row]], list[Row]]]
+    """Returns what must be trained and driven."""
     tables: Mapping[str, Callable[[Path], str]]
+    """Functions that return Markdown tables of a results folder, by their marker's name."""
     figures: "Mapping[str, Callable[[Path], Figure]]"
+    """Functions that draw a results folder, by the name of the PNG file."""
+    derived: Mapping[str, Callable[[list[Row]], list[Row]]] = field(default_factory=dict)
+    """Functions that compute further tables from the rows, by file name."""

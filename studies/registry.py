@@ -3,9 +3,10 @@
 from studies.adaptation import ADAPTATION
 from studies.barricade import BARRICADE
 from studies.learning_curves import CURVES
-from studies.options import FOLDER, Study
+from studies.options import FOLDER, Program
 from studies.study import FileStudy
 
+Study = FileStudy | Program
 PROGRAMS = {study.name: study for study in (CURVES, ADAPTATION, BARRICADE)}
 ORDER = (
     *("opponents", "comfort", "straight", "strict", "check", "curves", "final_policies"),

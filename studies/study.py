@@ -88,7 +88,7 @@ class Trained(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FileStudy:
-    """A study that a TOML file describes (see ``studies.options.Study``).
+    """A study that a TOML file describes (see ``studies.options.Program``).
 
     Raises ConfigError if the file has an unknown key.
     """
@@ -198,7 +198,7 @@ class FileStudy:
         return options.settings(settings_of(learned), self.file.get("settings", {}))
 
     def plan(self, options: Options) -> Plan:
-        """Return what must be trained and driven (see ``studies.options.Study``)."""
+        """Return what must be trained and driven."""
         trained = self.trained(options)
         settings: dict[str, Config] = {}
         cells = list(self._cells(trained, options, settings))
