@@ -27,13 +27,7 @@ from studies.options import FOLDER, RESULTS
 from studies.registry import STUDIES
 from studies.results import ResultsFolder, markdown_table
 from studies.study import FileStudy
-from verification import (
-    crash_table,
-    imported_nets,
-    ramps,
-    shielding_report,
-    stories,
-)
+from verification import crash_table, imported_nets, ramps, shielding_report, stories
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))

@@ -14,13 +14,7 @@ from drl_av.config import Config
 from drl_av.errors import DrlAvError
 from drl_av.road.road import FloatArray
 from drl_av.safety.reachability import STILL_M_S
-from verification.adversary import (
-    BatchCheck,
-    IntArray,
-    Mover,
-    Orders,
-    World,
-)
+from verification.adversary import BatchCheck, IntArray, Mover, Orders, World
 from verification.families import PLACED, Family
 
 DECISIONS = 14

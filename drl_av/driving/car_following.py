@@ -52,11 +52,7 @@ def idm_acceleration(
 
 
 def acc_acceleration(
-    speed_m_s: float,
-    desired_m_s: float,
-    gap_m: float,
-    closing_m_s: float,
-    ego: EgoConfig,
+    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
 ) -> float:
     """Return the acceleration of adaptive cruise control, m/s^2.
 
@@ -70,11 +66,7 @@ def acc_acceleration(
 
 
 def time_gap_acceleration(
-    speed_m_s: Number,
-    gap_m: Number,
-    closing_m_s: Number,
-    headway_s: float,
-    ego: EgoConfig,
+    speed_m_s: Number, gap_m: Number, closing_m_s: Number, headway_s: float, ego: EgoConfig
 ) -> Number:
     """Return the acceleration of the constant time-gap law, m/s^2, of one vehicle or of arrays.
 
@@ -140,11 +132,7 @@ def set_speeds(
 
 
 def model_acceleration(
-    speed_m_s: float,
-    desired_m_s: float,
-    gap_m: float,
-    closing_m_s: float,
-    ego: EgoConfig,
+    speed_m_s: float, desired_m_s: float, gap_m: float, closing_m_s: float, ego: EgoConfig
 ) -> float:
     """Return the acceleration of the model ``ego.longitudinal_reference`` (IDM or ACC), m/s^2.
 

@@ -304,10 +304,7 @@ def travel(
 
 
 def reach(
-    speed_m_s: Number,
-    acceleration_m_s2: Number,
-    ego: EgoConfig,
-    sim: SimulationConfig | EgoNumbers,
+    speed_m_s: Number, acceleration_m_s2: Number, ego: EgoConfig, sim: SimulationConfig | EgoNumbers
 ) -> Number:
     """Return the distance that an ego covers in one decision and the hard braking after it, metres.
 

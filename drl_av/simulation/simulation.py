@@ -21,13 +21,7 @@ from drl_av.road.snapshot import (
     Snapshot,
     TrafficCommands,
 )
-from drl_av.road.sweep import (
-    KINDS,
-    LATERAL_SPEED_M_S,
-    NO_CONTACT,
-    swept_collision,
-    within_reach,
-)
+from drl_av.road.sweep import KINDS, LATERAL_SPEED_M_S, NO_CONTACT, swept_collision, within_reach
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.gui_camera import Color, GuiCamera

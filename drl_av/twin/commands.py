@@ -33,12 +33,7 @@ REQUEST_STEPS = 10
 
 @borrowing
 def drive_traffic(
-    world: World,
-    net: Net,
-    scene: FloatArray,
-    traffic: TrafficNumbers,
-    scratch: Scratch,
-    steps: int,
+    world: World, net: Net, scene: FloatArray, traffic: TrafficNumbers, scratch: Scratch, steps: int
 ) -> None:
     """Let our own drivers decide on a scene, shape (6, vehicles), for ``steps`` steps."""
     n, drivers = world.near[COUNT], world.z[DRIVERS][: world.near[DRIVER_COUNT]]

@@ -217,14 +217,7 @@ def ask_for_room(world: World, net: Net, i: int, side: int, seconds: float) -> i
 
 @inlined
 def align(
-    world: World,
-    net: Net,
-    i: int,
-    side: int,
-    state: int,
-    request: int,
-    move_m: float,
-    stays: float,
+    world: World, net: Net, i: int, side: int, state: int, request: int, move_m: float, stays: float
 ) -> int:
     """Return the state of a vehicle that wants no other lane and so moves to its lane's centre."""
     notes, aside_m = world.notes, world.x[ASIDE_M, i]

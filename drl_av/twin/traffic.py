@@ -17,12 +17,7 @@ from drl_av.road.vehicle_types import AS_WRITTEN
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.simulation.fleet import Fleet
-from drl_av.simulation.population import (
-    ARRAYS,
-    DECISIONS_AT_ONCE,
-    DriverModel,
-    Population,
-)
+from drl_av.simulation.population import ARRAYS, DECISIONS_AT_ONCE, DriverModel, Population
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.following import STEP_S
 from drl_av.twin.neighbors import edge_of, insert_sorted, link
