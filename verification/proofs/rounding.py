@@ -70,9 +70,6 @@ class Rounded:
         b = rounded(other)
         return self + replace(b, low=-b.high, high=-b.low)
 
-    def __rsub__(self, other: Any) -> Rounded:
-        return rounded(other) - self
-
     def __gt__(self, other: Any) -> bool:
         return bool(self.low - self.error > other)
 
@@ -83,12 +80,6 @@ class Rounded:
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **_: Any) -> Rounded:
         return UFUNCS[ufunc.__name__](*(rounded(each) for each in inputs))
-
-    def __array_function__(self, function: Any, types: Any, inputs: Any, settings: Any) -> Any:
-        if function.__name__ != "where":
-            raise NotImplementedError(f"Rounded numbers know no numpy.{function.__name__}.")
-        condition, yes, no = inputs
-        return yes if condition else no
 
 
 def rounded(number: Any) -> Rounded:
@@ -130,9 +121,6 @@ UFUNCS: dict[str, Callable[..., Rounded]] = {
     "floor": _floor,
     "maximum": _extreme(max),
     "minimum": _extreme(min),
-    "add": Rounded.__add__,
-    "multiply": Rounded.__mul__,
-    "subtract": Rounded.__sub__,
 }
 
 
