@@ -337,17 +337,17 @@ class BatchStrict:
 
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
         """Return the executed action for each proposed action; both are 0 to 11, (scenes,)."""
-        executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
-        given = self._strict, self._ego, np.asarray(proposal, np.int64)
-        judge(world.numbers(), *given, executed, free)
-        return executed
+        return self._judged(world, proposal)[0]
 
     def free(self, world: World) -> BoolArray:
         """Return whether the invariant of ``strict`` holds in each scene, shape (scenes,).
 
         The invariant is that the fallback maneuver is free of collisions.
         """
+        return self._judged(world, np.zeros(len(world.x_m)))[1]
+
+    def _judged(self, world: World, proposal: npt.ArrayLike) -> tuple[IntArray, BoolArray]:
         executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
-        given = self._strict, self._ego, np.zeros(len(free), np.int64)
+        given = self._strict, self._ego, np.asarray(proposal, np.int64)
         judge(world.numbers(), *given, executed, free)
-        return free
+        return executed, free
