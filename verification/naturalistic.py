@@ -235,16 +235,24 @@ def unhurried_gap(speed: FloatArray, ahead: FloatArray) -> FloatArray:
     return _wanted_gap(speed, speed - ahead) / np.sqrt(free + braking)
 
 
+def _lanes(world: World, target: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the lane of each vehicle's centre, and the lane that it moves into.
+
+    For the other vehicles the latter is ``target``, shape (scenes, others), or their own lane. Both
+    have shape (scenes, 1 + others), the ego in column 0.
+    """
+    lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
+    own = np.where(world.target < 0, lane[:, 0], world.target)
+    return lane, np.column_stack([own, target])
+
+
 def _leaders(world: World, target: IntArray) -> tuple[FloatArray, IntArray]:
     """Return each vehicle's gap to the vehicle ahead, m, and the column of that vehicle.
 
     Without a vehicle ahead these are inf and -1. Both have shape (scenes, 1 + others), the ego in
-    column 0. A vehicle is in the lane of its centre and in the lane that it moves into. For the
-    other vehicles the latter is ``target``, shape (scenes, others), or their own lane.
+    column 0. A vehicle is in both of its ``_lanes``.
     """
-    lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
-    own = np.where(world.target < 0, lane[:, 0], world.target)
-    bound = np.column_stack([own, target])
+    lane, bound = _lanes(world, target)
     either = (lane[:, :, None] == lane[:, None]) | (lane[:, :, None] == bound[:, None])
     either |= (bound[:, :, None] == lane[:, None]) | (bound[:, :, None] == bound[:, None])
     lead_m = world.x_m[:, None, :] - world.x_m[:, :, None]
@@ -261,9 +269,7 @@ def _room(world: World, target: IntArray, into: IntArray) -> tuple[BoolArray, Bo
     the vehicle ahead. The lane change is careful if the vehicle behind need not brake hard either.
     Both arrays have shape (scenes, others).
     """
-    lane = np.round(world.y_m / ROAD.lane_width_m).astype(np.int64)
-    own = np.where(world.target < 0, lane[:, 0], world.target)
-    bound = np.column_stack([own, target])
+    lane, bound = _lanes(world, target)
     there = (lane[:, None] == into[:, :, None]) | (bound[:, None] == into[:, :, None])
     lead_m = world.x_m[:, None, :] - world.x_m[:, 1:, None]
     n = lead_m.shape[1]
