@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.driving.actions import ACTIONS, SIGNS, Action, Lateral, Longitudinal
+from drl_av.driving.actions import ACCELERATE, ACTIONS, HARD_BRAKE, KEEP, SIGNS
 from verification.adversary import (
     NONE,
     ROAD,
@@ -37,9 +37,6 @@ from verification.program import Program, run_program
 
 DECISIONS = 10
 """Number of decisions of a scene: enough for the ego to stop."""
-ACCELERATE, HARD_BRAKE = (
-    Action(Lateral.KEEP, how).number for how in (Longitudinal.ACCELERATE, Longitudinal.HARD_BRAKE)
-)
 RATES_M_S2, SIDES = (-4.0, 0.0, 2.0), (-1.0, 0.0, 1.0)
 """The accelerations and sides (-1 right, 1 left) among which an adversary's commands are chosen."""
 SCRIPTS = np.array([(rate, side) for rate in RATES_M_S2 for side in SIDES])
@@ -141,7 +138,7 @@ def forced(response: Response) -> BatchCheck:
 
     def check(world: World, proposal: IntArray) -> IntArray:
         made.append(proposal)
-        brakes = np.full(len(proposal), HARD_BRAKE)
+        brakes = np.full(len(proposal), 4 * KEEP + HARD_BRAKE)
         return proposal if len(made) == 1 else response(world, brakes)
 
     return check
@@ -157,7 +154,7 @@ def responses(config: Config, is_maneuver: bool) -> tuple[Response, ...]:
         return check, lambda world, brakes: brakes
     return (
         lambda world, brakes: brakes,
-        lambda world, brakes: check(world, np.full_like(brakes, ACCELERATE)) % 4,
+        lambda world, brakes: check(world, np.full_like(brakes, 4 * KEEP + ACCELERATE)) % 4,
     )
 
 
