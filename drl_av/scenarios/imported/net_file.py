@@ -162,7 +162,7 @@ its traffic lights decide whether the route has the right of way, so "pass" and 
 no treatment of their own. The classes of vehicles to which a lane is closed are named by
 ``route.read_route``. A type has an effect by the speed limits of classes of vehicles.
 """
-NEUTRAL: Mapping[str, str] = {"friction": "1.00", "keepClear": "1", "indirect": "0"}
+NEUTRAL: Mapping[str, float] = {"friction": 1.0, "keepClear": 1.0, "indirect": 0.0}
 """Values of attributes that would be named which have no effect."""
 
 
@@ -191,8 +191,6 @@ def left_out(found: Found) -> Iterator[tuple[str, str]]:
 def _is_neutral(key: str, value: str) -> bool:
     """Return whether an attribute that would be named has a value without an effect."""
     try:
-        return float(value) == float(NEUTRAL[key])
+        return float({"true": "1", "false": "0"}.get(value, value)) == NEUTRAL[key]
     except (KeyError, ValueError):
-        return value in ("true", "false") and value == {"1": "true", "0": "false"}.get(
-            NEUTRAL.get(key, "")
-        )
+        return False
