@@ -187,19 +187,12 @@ def result(row: Row, pairs: Sequence[tuple[float, float]]) -> Result:
     """Return the medians over the rounds; ``pairs`` holds (ours, rival's) per second by round."""
     ours, beside = (statistics.median(side) for side in zip(*pairs, strict=True))
     ratio = statistics.median(a / b for a, b in pairs)
-    if row.least_ratio is None:
-        return Result(row.name, ours, beside, ratio, "", None)
-    wanted = f"at least {row.least_ratio:g}"
-    if row.least_ours:
-        wanted += f" and {row.least_ours:,.0f} a second"
-    return Result(
-        row.name,
-        ours,
-        beside,
-        ratio,
-        wanted,
-        ratio >= row.least_ratio and ours >= row.least_ours,
-    )
+    wanted, met = "", None
+    if row.least_ratio is not None:
+        wanted = f"at least {row.least_ratio:g}"
+        wanted += f" and {row.least_ours:,.0f} a second" if row.least_ours else ""
+        met = ratio >= row.least_ratio and ours >= row.least_ours
+    return Result(row.name, ours, beside, ratio, wanted, met)
 
 
 def table(results: Sequence[Result]) -> str:

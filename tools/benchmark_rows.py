@@ -30,11 +30,11 @@ from benchmark_drives import (
 )
 
 from drl_av.config import Config
-from drl_av.config.presets import as_config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import find_drivers, load_driver, make_drivers, rule_driver
 from drl_av.drivers.rule_based import IdmDriver
+from drl_av.driving.actions import ACCELERATE, BRAKE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.scenarios.folder import PlacedVehicle, ScenarioDescription, write_scenario
@@ -44,8 +44,6 @@ from drl_av.scenarios.road_types import ROAD_TYPES
 VEHICLES = 30
 ON_STRAIGHT = 500
 WORLDS, DECISIONS = 256, 40
-ACCELERATE, BRAKE = 1, 2
-"""Actions of the twin's ego: it accelerates where that is permitted, and brakes otherwise."""
 POOL_IDLE = 1
 """Action of EnvPool's ego that keeps speed and lane."""
 MANY = 112
@@ -74,10 +72,10 @@ def exploring(config: Config) -> Config:
     return config.updated("learning", epsilon_start=0.2, epsilon_end=0.2)
 
 
-def crowded(vehicles: int = VEHICLES) -> Config:
-    """Return the settings with this number of vehicles, calm, and a constant epsilon of 0.2."""
-    calm = Config().with_traffic("calm")
-    return exploring(calm.updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles))
+def crowded(vehicles: int = VEHICLES, kind: str = "calm") -> Config:
+    """Return the settings with so many vehicles of a kind, and a constant epsilon of 0.2."""
+    config = Config().with_traffic(kind)
+    return exploring(config.updated("traffic", vehicles_min=vehicles, vehicles_max=vehicles))
 
 
 LEAST_RATIOS = {"paper": 0.9, "strict": 0.85}
@@ -101,8 +99,7 @@ def traffic_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """
     rates = {}
     for name in ("calm", "paper", "hazards"):
-        number = {"vehicles_min": VEHICLES, "vehicles_max": VEHICLES}
-        config = as_config({"traffic": {"kind": name, **number}})
+        config = crowded(kind=name)
         env = stack.enter_context(closing(made(config)))
         actions = recorded_actions(env, IdmDriver(config.safety), seeds)
         rates[name] = partial(drive_only, env, actions)
@@ -113,8 +110,7 @@ def planner_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Return rows of the planner's decisions per second beside those of its base policy."""
     rows = []
     for name in ("calm", "paper"):
-        number = {"vehicles_min": VEHICLES, "vehicles_max": VEHICLES}
-        config = as_config({"traffic": {"kind": name, **number}, "safety": {"check": "strict"}})
+        config = crowded(kind=name).updated("safety", check="strict")
         env = stack.enter_context(closing(made(config)))
         drivers = make_drivers(find_drivers(["planner", "pretrained"]), config).values()
         ours, beside = (partial(decide_only, env, driver, seeds[:1]) for driver in drivers)
@@ -179,7 +175,10 @@ def worlds_rate(config: Config, seed: int, stack: ExitStack) -> Rate:
 
 
 def drive_worlds(worlds: TwinVectorEnv, seed: int) -> float:
-    """Drive all worlds from the start of an episode; return their decisions per CPU second."""
+    """Drive all worlds from the start of an episode; return their decisions per CPU second.
+
+    Each ego accelerates where that is permitted, and brakes otherwise.
+    """
     worlds.reset(seed=seed, options={"vehicles": worlds.config.traffic.vehicles_min})
     begun = time.process_time()
     for _ in range(DECISIONS):
