@@ -52,7 +52,7 @@ def adaptation_plan(options: Options) -> Plan:
             folder, episodes = origin.folder / f"{variant}-{seed}", config.learning.episodes
             config = config.updated("learning", seed=seed)
             jobs.append(TrainingJob(variant, config, episodes, folder, BLOCK, origin))
-    return reporting_plan({**configs, "mixed_paper": trained}, [jobs], blocks_of)
+    return reporting_plan({**configs, "mixed_paper": trained}, jobs, blocks_of)
 
 
 def adaptation_table(folder: Path) -> str:

@@ -113,29 +113,27 @@ def _save_derived(study: "Study", table: ResultTable) -> None:
 
 def _make(plan: Plan, table: ResultTable, options: Options) -> Iterator[Progress]:
     facts = {"engine": options.engine, "processes": options.jobs}
-    rounds = [[rows for rows in own if _missing_rows(rows, table)] for own in plan.trainings]
+    trainings = [rows for rows in plan.trainings if _missing_rows(rows, table)]
     episodes = _missing_episodes(plan.cells, table)
     calls = [call for call in plan.calls if any(key not in table for key in call.keys)]
     jobs = list(dict.fromkeys(cell.training for cell, *_ in episodes if cell.training))
     for job in jobs:
         job.require_same_settings()
         job.require_not_beyond()
-    for own in rounds:
-        for rows in own:
-            rows.job.require_same_settings()
-    if jobs or any(rounds):
+    for rows in trainings:
+        rows.job.require_same_settings()
+    if jobs or trainings:
         make_folder(options.runs, "--runs")
         if options.engine == RAY:
             require_shared(options.runs)
     try:
-        for own in rounds:
-            yield from _report(own, table, options)
+        yield from _report(trainings, table, options)
         yield from _train(jobs, table, options)
         _require_drivers(jobs, table)
         yield from _call(calls, plan, table, options)
         yield from _drive(episodes, table, options)
     finally:
-        if any(rounds) or episodes or calls:
+        if trainings or episodes or calls:
             table.save(**facts)
 
 

@@ -138,24 +138,23 @@ def curve_plan(options: Options) -> Plan:
                 folder, learning = options.runs / f"{variant}-{seed}", config.learning
                 stop = min(stop, learning.episodes)
                 jobs.append(TrainingJob(variant, config, stop, folder, learning.evaluate_every))
-    return reporting_plan(configs, [jobs], evaluations_of)
+    return reporting_plan(configs, jobs, evaluations_of)
 
 
 def reporting_plan(
     configs: dict[str, Config],
-    rounds: Sequence[Sequence[TrainingJob]],
+    jobs: Sequence[TrainingJob],
     rows_of: Callable[[TrainingJob], list[Row]],
 ) -> Plan:
     """Return a plan of a table whose rows are read from the folders of trainings.
 
     Args:
         configs: The config of each variant with seed 0, for the provenance.
-        rounds: The trainings in groups, which are done one after the other.
+        jobs: The trainings.
         rows_of: Reads the rows from a training's folder.
     """
     place = order_by(variant=configs, seed=int, episode=int)
-    rows = [[TrainingRows(job, rows_of) for job in jobs] for jobs in rounds]
-    return Plan(Inputs(configs), place, trainings=rows)
+    return Plan(Inputs(configs), place, trainings=[TrainingRows(job, rows_of) for job in jobs])
 
 
 class Curve(NamedTuple):
@@ -218,12 +217,12 @@ def converged_at(episodes: Sequence[int], values: Sequence[float]) -> int:
     return episodes[int(strays[-1]) + 1] if len(strays) else episodes[0]
 
 
-def smoothed(values: Sequence[float], over: int = SMOOTHED_OVER) -> FloatArray:
-    """Return the centred moving mean of ``values`` over ``over`` values, an odd number.
+def smoothed(values: Sequence[float]) -> FloatArray:
+    """Return the centred moving mean of ``values`` over ``SMOOTHED_OVER`` values, an odd number.
 
     At both ends of the curve the mean is over fewer values.
     """
-    half = over // 2
+    half = SMOOTHED_OVER // 2
     return np.array([np.mean(values[max(0, k - half) : k + half + 1]) for k in range(len(values))])
 
 

@@ -126,8 +126,8 @@ class Plan(NamedTuple):
     """The settings and drivers of the rows."""
     place: Callable[[Row], tuple[Any, ...]]
     """The sort key of a row, see ``ResultTable``."""
-    trainings: "Sequence[Sequence[TrainingRows]]" = ()
-    """Trainings that report rows, in rounds that are done one after the other."""
+    trainings: "Sequence[TrainingRows]" = ()
+    """Trainings that report rows."""
     cells: "Sequence[EpisodeCell]" = ()
     """Evaluation episodes, some of drivers that are trained first."""
     calls: Sequence[Call] = ()

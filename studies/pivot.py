@@ -143,14 +143,10 @@ class Pivot:
         if own.empty:
             return None
         other = self._other(spec, {**key, **column})
-        if other is not None and other.empty:
-            return None
-        if (
-            other is not None
-            and ("of" in spec or "improvement" in spec)
-            and own.index.equals(other.index)
-        ):
-            return None
+        if other is not None:
+            is_itself = own.index.equals(other.index) and ("of" in spec or "improvement" in spec)
+            if other.empty or is_itself:
+                return None
         units = self.spec.get("units")
         if units is None or own[units].nunique() < 2 or "text" in spec:
             return measure(spec, own, other, units)
@@ -205,10 +201,9 @@ def measure(spec: Spec, own: Frame, other: Frame | None = None, units: str | Non
         ours, theirs = ({traffic: side[traffic] for traffic in both} for side in (ours, theirs))
     if "of" in spec:
         ours, theirs = theirs, ours
-    if kind == "gain":
-        return gain(ours, theirs)
-    percent = 100 / (sum(theirs.values()) / max(len(theirs), 1))
-    ours, theirs = ({at: v * percent for at, v in side.items()} for side in (ours, theirs))
+    if kind == "change":
+        percent = 100 / (sum(theirs.values()) / max(len(theirs), 1))
+        ours, theirs = ({at: v * percent for at, v in side.items()} for side in (ours, theirs))
     return gain(ours, theirs)
 
 
@@ -302,7 +297,8 @@ def _read(described: Path, path: Path, changed_ns: int) -> Frame:
 
 
 def _labels(study: FileStudy, rows: Frame) -> Any:
-    names = rows["training" if "training" in rows else "driver"] if _named(rows) else None
+    column = next((name for name in ("training", "driver") if name in rows), None)
+    names = None if column is None else rows[column]
     labels = pd.Series("", index=rows.index, dtype=object)
     for variant in study.variants:
         fixed = variant.columns | ({"variant": variant.name} if "variant" in rows else {})
@@ -319,10 +315,6 @@ def _labels(study: FileStudy, rows: Frame) -> Any:
     made = names.isin([*trained])
     labels[made] = [trained[n].format(count=counts[trained[n]]) for n in names[made]]
     return labels
-
-
-def _named(rows: Frame) -> bool:
-    return "driver" in rows or "training" in rows
 
 
 def _typed(rows: Frame, column: str, text: str) -> Any:

@@ -446,7 +446,7 @@ def test_the_trainings_of_the_first_seed_come_first_and_each_traffic_is_its_own(
 ) -> None:
     wanted = {"paper": (10_000,), "mixed_permit_all": (10_000, 3000), "mixed_uniform": (500,)}
     monkeypatch.setattr(learning_curves, "EPISODES", wanted)
-    [rows] = learning_curves.curve_plan(Options(runs=tmp_path)).trainings
+    rows = learning_curves.curve_plan(Options(runs=tmp_path)).trainings
     jobs = [each.job for each in rows]
     assert [(job.name, job.stop) for job in jobs] == [
         ("paper-0", 10_000),
