@@ -78,13 +78,8 @@ def _episode(episode: PageEpisode) -> dict[str, Any]:
 def _part(part: PartialLane, road: Road) -> dict[str, float]:
     """Return the data of a partial lane, whose ends are finite, because JSON has no infinity."""
     beyond_m = road.end_m + OPEN_LAP_M / 4
-    return {
-        "lane": part.lane,
-        "begin_m": part.begin_m,
-        "end_m": min(part.end_m, beyond_m),
-        "joined_from_m": part.joined_from_m,
-        "joined_to_m": min(part.joined_to_m, beyond_m),
-    }
+    ends = {"end_m": min(part.end_m, beyond_m), "joined_to_m": min(part.joined_to_m, beyond_m)}
+    return part._asdict() | ends
 
 
 def _sizes(snapshots: Sequence[Snapshot]) -> dict[str, tuple[float, float]]:

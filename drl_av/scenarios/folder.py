@@ -155,14 +155,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     as_written = _require_unchanged(folder)
     if not as_written:
         _require_named(folder, {path.name for path in additional})
-    return Scenario(
-        folder=folder,
-        description=description,
-        layout=layout,
-        additional_files=tuple(additional),
-        vehicle_types=vehicle_types,
-        as_written=as_written,
-    )
+    return Scenario(folder, description, layout, tuple(additional), vehicle_types, as_written)
 
 
 def read_description(path: Path, remedy: str = WRITE_AGAIN) -> RoadDescription:

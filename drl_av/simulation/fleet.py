@@ -68,11 +68,10 @@ class Fleet:
         require_truck_width(config, scenario.description)
         self.scenario, self.config, self._start = scenario, config, scenario.layout.start
         self._road, self._size_of = scenario.road, scenario.vehicle_types.by_id
-        if self._start is not None and self.placed is None:
-            require_reachable(scenario.road, self._start, config.ego)
         if self._start is not None and sum(config.traffic.shares) > 0:
             raise ConfigError(SUMO_ALONE)
         if self._start is not None and self.placed is None:
+            require_reachable(scenario.road, self._start, config.ego)
             self._require_room(self._start)
 
     def _require_room(self, start: OpenStart) -> None:
@@ -194,8 +193,7 @@ class Fleet:
         metres, the ego's first. Call this once for each decision: it draws random numbers, and
         returns each lane change of the scenario only once.
         """
-        drawn = self._inflow is None
-        changes = next(self._lane_changes) if drawn else self._random_lane_changes()
+        changes = self._random_lane_changes() if self._inflow else next(self._lane_changes)
         if changes and self._start is not None:
             changes = self._on_open_road(changes, y_m, self._start.lanes)
         changes = [(row, side) for row, side in changes if self._is_centered(y_m[row])]
