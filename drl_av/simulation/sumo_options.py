@@ -145,14 +145,15 @@ def start_arguments(
     ``files`` holds the network file and then the additional files; ``seed`` seeds SUMO. ``own``
     are the words of ``option_words``; their additional files are read after ours.
     """
-    others = [*own]
-    additional = [*files[1:]]
-    for place in reversed([row for row, word in enumerate(own) if word in ADDITIONAL_FILES]):
-        additional += others[place + 1 : place + 2]
-        del others[place : place + 2]
+    additional, others, words = [*files[1:]], list[str](), iter(own)
+    for word in words:
+        if word in ADDITIONAL_FILES:
+            additional.append(next(words, ""))
+        else:
+            others.append(word)
     return [
         *("--net-file", files[0]),
-        *("--additional-files", ",".join(additional)),
+        *("--additional-files", ",".join(filter(None, additional))),
         *("--seed", str(seed % 2**31)),
         *("--step-length", repr(config.simulation.step_length_s)),
         *("--lateral-resolution", repr(config.simulation.lateral_resolution_m)),

@@ -143,9 +143,10 @@ def test_a_file_that_only_sumo_loads_is_named(here: Path) -> None:
 
 
 def test_what_the_user_says_himself_may_write_files(here: Path) -> None:
-    own_file(LOOP.format("passed.xml"))
-    options = "--additional-files=mine.add.xml --device.ssm.probability 1 --device.ssm.file ssm.xml"
-    options += " --fcd-output fcd.xml"
+    own_file(LOOP.format("passed.xml"), '<vTypeDistribution id="mix" vTypes="slow"/>')
+    own_file('<vType id="slow"/>', name="slow.add.xml")  # which SUMO must read first
+    options = "-a slow.add.xml --additional-files=mine.add.xml --device.ssm.probability 1"
+    options += " --device.ssm.file ssm.xml --fcd-output fcd.xml"
     with gymnasium.make("drl_av/Highway-v0", config=SHORT, sumo_options=options) as env:
         for seed in (4, 5):
             env.reset(seed=seed, options={"vehicles": 20})
