@@ -72,7 +72,7 @@ def from_toml(text: str, name: str = "scenario.toml") -> RoadDescription:
         raise ScenarioError(f"{name} is not valid TOML: {error}.") from error
     try:
         kind = values.pop("kind", "loop")
-        if kind not in ROAD_TYPES:
+        if not isinstance(kind, str) or kind not in ROAD_TYPES:
             raise unknown_road_type(kind)
         if isinstance(values.get(NET), str) and values[NET]:
             values[NET] = str(Path(name).parent / values[NET])

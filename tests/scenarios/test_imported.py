@@ -106,6 +106,9 @@ def test_what_is_written_reads_back_equal_and_to_the_same_bytes(a10: Path, tmp_p
     assert text.startswith('kind = "imported"\n')
     assert 'net = "highway.net.xml"' in text
     assert "lane_width_m" not in text  # it is the network's
+    (a10 / "own.toml").write_text(re.sub(r"(?s)left_out = .*?\]", "left_out = 5", text))
+    with pytest.raises(ScenarioError, match="left_out is 5, but must be a list of texts"):
+        read_description(a10 / "own.toml")
 
 
 def test_a_toml_file_names_the_net_beside_it_and_options_change_the_rest(tmp_path: Path) -> None:

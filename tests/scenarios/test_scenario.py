@@ -145,6 +145,7 @@ def test_description_survives_toml(c_m: float, lanes: int, width_m: float, limit
     ("toml", "sentence"),
     [
         ("lanes = ", "scenario.toml is not valid TOML"),
+        ('kind = ["loop"]', "There is no kind of scenario ['loop'] (did you mean"),
         ("lane = 3", "no key 'lane' (did you mean 'lanes'?)"),
         ("lanes = 3.0", "lanes is 3.0, but must be a whole number from 1 to 10"),
         ("lanes = true", "lanes is True, but must be a whole number"),

@@ -96,6 +96,11 @@ class ImportedDescription(OpenDescription):
                     "of its edges."
                 )
         net, is_written = Path(self.net), self.left_out is not None
+        phrases = self.left_out if isinstance(self.left_out, list | tuple) else [None]
+        if is_written and not all(isinstance(phrase, str) for phrase in phrases):
+            raise ScenarioError(
+                f"The scenario's left_out is {self.left_out!r}, but must be a list of texts."
+            )
         if is_written and (self.lowest_limit_m_s, self.sideways_m_s2) != IN_THE_NETWORK:
             raise ScenarioError(
                 f"{self.net} has its limits from the time when it was imported: keep "
