@@ -49,6 +49,8 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     | {"digits": int, "common": bool, "of": dict, "over": object},
 }
 """The type of each key of each part of a study's file."""
+ELEMENTS: Mapping[str, type] = {"drivers": str, "traffic": str, "vehicles": int}
+"""The type of the elements of these lists."""
 NEEDED = {"": ("meaning", "rows"), "rows": ("seeds",), "seeds": ("count",), "trainings": ("base",)}
 """The keys that a part must have."""
 TYPES = {
@@ -105,10 +107,10 @@ class FileStudy:
         rows = _checked(self.path, "", content)["rows"]
         seeds = _checked(self.path, "seeds", _checked(self.path, "rows", rows)["seeds"])
         first = seeds.get("first", 0)
-        if first + seeds["count"] > TRAINING_SEED_RANGE[0] or not seeds["count"]:
+        if not 0 <= first < first + seeds["count"] <= TRAINING_SEED_RANGE[0]:
             raise ConfigError(
                 f"{self.path} has the seeds from {first} to {first + seeds['count'] - 1}: name one "
-                f"or more below {TRAINING_SEED_RANGE[0]}, which no training drives."
+                f"or more of 0 to {TRAINING_SEED_RANGE[0] - 1}, which no training drives."
             )
         if content.get("metrics", "episode") not in METRICS:
             raise ConfigError(f"{self.path}: metrics must be one of {', '.join(METRICS)}.")
@@ -303,14 +305,17 @@ def _training_base(name: str) -> Config:
 
 def _checked(path: Path, part: str, content: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a part of a study's file; raise ConfigError if it has not the keys that it may."""
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path} has {content!r} among its {part}: write a table.")
     for name in (*NEEDED.get(part, ()), *content):
         if name not in KEYS[part]:
             hint = did_you_mean(name, KEYS[part])
             raise ConfigError(f"{path} has an unknown key {name!r}{hint}: remove or correct it.")
         value, kind = content.get(name), KEYS[part][name]
-        if name == "vehicles" and isinstance(value, list):
-            value, kind = next((each for each in value if type(each) is not int), 0), int
-        if not isinstance(value, kind):
+        if name in ELEMENTS and isinstance(value, list):
+            kind = ELEMENTS[name]
+            value = next((each for each in value if type(each) is not kind), kind())
+        if kind is not object and type(value) is not kind:
             said = f"is {value!r}" if name in content else "is missing"
             raise ConfigError(f"{path}: {name} {said}, but must be {TYPES[kind]}.")
     return content

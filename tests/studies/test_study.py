@@ -114,8 +114,11 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
     [
         ("vehicles = [1, 3]", "vehicels = [1, 3]", r"unknown key 'vehicels' \(did you mean 'vehic"),
         ("first = 7", "frist = 7", r"unknown key 'frist' \(did you mean 'first'"),
-        ("first = 7", "first = 999_999", "has the seeds from 999999 to 1000000: .* below 1000000"),
-        ("count = 2", "count = 0", "name one or more below 1000000"),
+        ("first = 7", "first = 999_999", "has the seeds from 999999 to 1000000: .* of 0 to 999"),
+        ("count = 2", "count = -2", "name one or more of 0 to 999999"),
+        ("count = 2", "count = true", "count is True, but must be a whole number"),
+        ("drivers = [", "drivers = [5, ", "drivers is 5, but must be a text"),
+        ("[tables.", "[trainings]\na = 5\n[tables.", "has 5 among its trainings: write a table"),
         (", count = 2", "", "count is missing, but must be a whole number"),
         ("seeds = {", "seeds = 3 # {", "seeds is 3, but must be a table"),
         ("vehicles = [1, 3]", "vehicles = 5", "vehicles is 5, but must be a list"),
