@@ -11,7 +11,14 @@ import numpy as np
 from drl_av.config import EgoConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import SimulationError
-from drl_av.road.road import OPEN_LAP_M, ForbiddenLine, PartialLane, Road, SpeedLimit
+from drl_av.road.road import (
+    LANE_CHANGE_DUE_M,
+    OPEN_LAP_M,
+    ForbiddenLine,
+    PartialLane,
+    Road,
+    SpeedLimit,
+)
 from drl_av.road.snapshot import Snapshot
 from drl_av.road.vehicle_types import AS_WRITTEN, LENGTHS_M, VehicleType, VehicleTypes
 from drl_av.simulation.vehicle_calls import ALL_SPEED_CHECKS_OFF, getters, take_control
@@ -231,9 +238,10 @@ class Surroundings:
                     left.append((before, strip))
 
     def _follow_route(self, lanes: Sequence[str]) -> None:
-        """Add the strips ahead along the route, as far as an edge and the range reach."""
+        """Add the strips ahead along the route, as far as the range and its lane changes reach."""
         ahead = self.route[self._sumo.vehicle.getRouteIndex(self._name) + 1 :]
-        last_m = ORIGIN_M + self._length_m[lanes[0]] + self._range_m
+        sight_m = max(self._range_m, LANE_CHANGE_DUE_M * len(lanes))
+        last_m = ORIGIN_M + self._length_m[lanes[0]] + sight_m
         here = {lane: self._strips[lane][0] for lane in lanes}
         for following, next_edge in zip_longest(ahead, ahead[1:], fillvalue=""):
             names, arrived = self._lanes_of(following), dict[str, Strip]()
@@ -337,15 +345,9 @@ class Surroundings:
             if end_m < math.inf or from_m > ORIGIN_M or begin_m < from_m:
                 parts.append(PartialLane(index, begin_m, end_m, from_m, end_m))
         lanes = tuple(index not in self._closed for index in range(max(begins_m) + 1))
-        return Road(
-            OPEN_LAP_M,
-            self.lane_width_m,
-            lanes,
-            OPEN_LAP_M,
-            tuple(parts),
-            forbidden_lines=tuple(self._forbidden_lines()),
-            speed_limits=self._speed_limits(len(lanes)),
-        )
+        lines, limits = tuple(self._forbidden_lines()), self._speed_limits(len(lanes))
+        ground = OPEN_LAP_M, self.lane_width_m, lanes, OPEN_LAP_M, tuple(parts)
+        return Road(*ground, forbidden_lines=lines, speed_limits=limits)
 
     def _pairs(self) -> Iterator[tuple[str, Strip]]:
         """Yield each lane of SUMO with each of its strips."""

@@ -307,6 +307,13 @@ def test_the_first_end_of_a_lane_counts(tmp_path: Path) -> None:
     assert mandatory.within_m == pytest.approx(sumo.lane.getLength("e0_0") - 50, abs=1e-6)
 
 
+def test_the_end_of_a_lane_is_seen_in_time_over_short_edges(tmp_path: Path) -> None:
+    ways = [f"e{k} {lane} e{k + 1} {lane}" for k in range(7) for lane in (0, 1)] + ["e7 1 e8 0"]
+    net = a_road(tmp_path, [2] * 8 + [1], ways, metres=100)
+    begin_on(net, " ".join(f"e{k}" for k in range(9)), car("ego", 0, 50, 20, "way"))
+    assert attached("gap-mobil")[1].affordances.mandatory == (1, pytest.approx(750, abs=20))
+
+
 def test_a_lane_that_splits_goes_on_in_the_lane_that_leads_on(tmp_path: Path) -> None:
     off = '<edge id="out" from="n2" to="y" numLanes="1" speed="30" width="3.5"/>'
     ways = ["e0 0 e1 0", "e0 0 e1 1", "e0 1 e1 2", "e1 0 out 0", "e1 1 e2 0", "e1 2 e2 1"]
