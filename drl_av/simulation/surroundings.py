@@ -105,13 +105,12 @@ class Surroundings:
         self._edge = _edge_of(vehicle.getLaneID(self._name))
         self._find_strips()
         here_m = ORIGIN_M + vehicle.getLanePosition(self._name)
-        states = {self._name: self._state(self._name, here_m)}
-        for name in self._names(here_m):
-            if name not in states:
-                states[name] = self._state(name, here_m)
-        names = (*states,)
+        states = dict[str, tuple[float, ...]]()
+        for name in dict.fromkeys((self._name, *self._names(here_m))):
+            for number, state in enumerate(self._states(name, here_m)):
+                states[f"{name}, {number}" if number else name] = state
         columns = np.array([*states.values()]).T.copy()
-        return Snapshot(self._sumo.simulation.getTime(), names, *columns), self._road()
+        return Snapshot(self._sumo.simulation.getTime(), (*states,), *columns), self._road()
 
     def speed_m_s(self) -> float:
         """Return the vehicle's speed."""
@@ -227,12 +226,12 @@ class Surroundings:
     def _follow_back(self, lanes: Sequence[str]) -> None:
         """Add the strips that lead to these lanes, as far back as the range."""
         left = [(lane, self._strips[lane][0]) for lane in lanes]
-        found = set[str]()
+        found = set[tuple[str, int]]()
         while left:
             lane, (index, begin_m, _) = left.pop()
             for before in self._before.get(lane, ()):
-                if before not in found and begin_m > ORIGIN_M - self._range_m:
-                    found.add(before)
+                if (before, index) not in found and begin_m > ORIGIN_M - self._range_m:
+                    found.add((before, index))
                     strip = Strip(index, begin_m - self._length_m[before])
                     self._strips.setdefault(before, []).append(strip)
                     left.append((before, strip))
@@ -319,13 +318,18 @@ class Surroundings:
                         if left_m == math.inf or begin_m + at(name) - length(name) < left_m:
                             yield name
 
-    def _state(self, name: str, here_m: float) -> tuple[float, ...]:
-        """Return a vehicle's columns of the snapshot, at the strip nearest to ``here_m``."""
+    def _states(self, name: str, here_m: float) -> Iterator[tuple[float, ...]]:
+        """Yield a vehicle's columns of the snapshot, at the strip nearest to ``here_m``.
+
+        Behind a lane that splits, the vehicle is in each of the lanes to which its own lane leads.
+        """
         lane, at, aside, speed, lateral, length, width = (read(name) for read in self._getters)
         own = self._strips.get(lane) or self._beside[lane]
-        index, begin_m, _ = min(own, key=lambda strip: abs(strip.begin_m + at - here_m))
-        y_m = index * self.lane_width_m + aside
-        return begin_m + at - length / 2, y_m, speed, lateral, length, width
+        begin_m = min((one.begin_m for one in own), key=lambda from_m: abs(from_m + at - here_m))
+        near = (one.lane for one in own if abs(one.begin_m - begin_m) < LENGTHS_M[1])
+        for index in dict.fromkeys(near):
+            y_m = index * self.lane_width_m + aside
+            yield begin_m + at - length / 2, y_m, speed, lateral, length, width
 
     def _road(self) -> Road:
         """Return the lanes near the vehicle; one that ends or begins there is a partial lane.
@@ -333,8 +337,7 @@ class Surroundings:
         Vehicles can change to it or from it only on the edges of the route.
         """
         route = {self._edge, *self.route}
-        begins_m: dict[int, float] = {}
-        joined_m: dict[int, float] = {}
+        begins_m, joined_m = dict[int, float](), dict[int, float]()
         for lane, (index, begin_m, _) in self._pairs():
             begins_m[index] = min(begin_m, begins_m.get(index, math.inf))
             if _edge_of(lane) in route:
@@ -362,8 +365,7 @@ class Surroundings:
                 if f"{edge}_{int(number) + side}" in self._strips:
                     permitted = self._sumo.lane.getChangePermissions(lane, side)
                     if kind not in permitted and "all" not in permitted:
-                        end_m = begin_m + self._length_m[lane]
-                        yield ForbiddenLine(index, side, begin_m, end_m)
+                        yield ForbiddenLine(index, side, begin_m, begin_m + self._length_m[lane])
 
     def _speed_limits(self, lanes: int) -> tuple[tuple[SpeedLimit, ...], ...]:
         """Return what SUMO allows the vehicle on each strip, by lane and in driving order.

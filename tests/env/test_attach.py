@@ -326,6 +326,15 @@ def test_a_lane_that_splits_goes_on_in_the_lane_that_leads_on(tmp_path: Path) ->
     assert "queue" in scene.snapshot.ids
 
 
+def test_behind_a_lane_that_splits_a_vehicle_counts_in_both_lanes(tmp_path: Path) -> None:
+    net = a_road(tmp_path, [2, 3], ["e0 0 e1 0", "e0 0 e1 1", "e0 1 e1 2"])
+    behind = '<route id="all" edges="e0 e1"/>' + car("behind", 0, 350, 29, "all")
+    begin_on(net, "e1", behind + car("ego", 1, 20, 8, "way"))
+    _, scene, decision = attached(Does(MAINTAIN_RIGHT), "strict")
+    assert scene.affordances.right_rear.gap_m == scene.affordances.own_rear.gap_m
+    assert decision["rule"] == "lane_change"
+
+
 def test_a_truck_that_leaves_over_a_short_edge_stays_in_sight(tmp_path: Path) -> None:
     off = '<edge id="out" from="n1" to="x" numLanes="1" speed="30" width="3.5" length="4"/>'
     off += '<edge id="out2" from="x" to="y" numLanes="1" speed="30" width="3.5"/>'
