@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drl_av.config import TrafficConfig
+from drl_av.road.snapshot import EGO_ID
 from drl_av.road.vehicle_types import VEHICLE, type_attributes
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.loop import BARRICADES_FILE
@@ -87,6 +88,11 @@ def _demo(root: ET.Element, description: RoadDescription) -> ET.Element:
     for element in root:
         if "type" in element.attrib:
             element.set("type", names.get(element.attrib["type"], element.attrib["type"]))
+    if description.plan().road.speed_limits:  # a speedFactor would differ from limit to limit
+        for placed, element in zip(description.vehicles, root.iter("vehicle"), strict=False):
+            own = {"id": f"placed.{placed.id}", "maxSpeed": repr(placed.desired_speed_m_s)}
+            types.append(ET.Element("vType", (ego if placed.id == EGO_ID else others | demo) | own))
+            element.attrib |= {"type": own["id"], "speedFactor": "1"}
     for place, element in enumerate(types):
         root.insert(place, element)
     return root

@@ -189,7 +189,7 @@ class RoadDescription(ABC):
                 departLane=str(vehicle.lane - edge.lanes[0]),
                 departPos=f"{vehicle.position_m - edge.begin_m:.2f}",
                 departSpeed=f"{min(vehicle.speed_m_s, vehicle.desired_speed_m_s):.2f}",
-                speedFactor=f"{vehicle.desired_speed_m_s / self.speed_limit_m_s:.4f}",
+                speedFactor=f"{min(vehicle.desired_speed_m_s / self.speed_limit_m_s, 1.0):.4f}",
                 insertionChecks="none",
             )
         return root

@@ -204,6 +204,21 @@ def test_vehicles_are_placed_on_an_imported_road(tmp_path: Path) -> None:
         east(vehicles=(PlacedVehicle("ego", 0, 1400.0, 20.0, 25.0),))
 
 
+def test_in_plain_sumo_placed_vehicles_keep_each_limit_and_their_desired_speeds(
+    tmp_path: Path,
+) -> None:
+    wanted = {"ego": 30.0, "slow": 24.0}
+    placed = [PlacedVehicle(name, 0, 900 - v, 20.0, v) for name, v in wanted.items()]
+    net = chain(tmp_path, Part(2, 36.0), Part(2, 22.0), Part(2, 34.0), Part(2, 34.0))
+    write_scenario(tmp_path / "placed", along(net, 3, vehicles=placed, sideways_m_s2=1e4))
+    seen = [vehicle.attrib for moment in states(tmp_path / "placed", 60) for vehicle in moment]
+    for name, speed in wanted.items():
+        own = [float(each["speed"]) for each in seen if each["id"] == name]
+        assert max(own) == pytest.approx(speed, abs=0.1)
+    slow = [float(each["speed"]) for each in seen if each["lane"].startswith("e1")]
+    assert 21.0 < max(slow) <= 22.0
+
+
 SIDE = '<node id="s" x="500" y="{y}"/><node id="t" x="500" y="{z}"/>'
 ACROSS = (
     '<edge id="across" from="s" to="n1" priority="{p}"/>'

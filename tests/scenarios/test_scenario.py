@@ -348,6 +348,12 @@ def test_a_placed_vehicle_starts_at_any_speed_up_to_the_limit_in_plain_sumo_too(
     assert speeds["ego"] == pytest.approx(70.0, abs=1.5)
 
 
+def test_in_plain_sumo_the_demo_traffic_keeps_a_low_limit(tmp_path: Path) -> None:
+    write_scenario(tmp_path / "slow", ScenarioDescription(speed_limit_m_s=20.0))
+    vehicles = states(tmp_path / "slow", 60).iter("vehicle")
+    assert max(float(vehicle.attrib["speed"]) for vehicle in vehicles) == 20.0
+
+
 def test_an_ego_that_is_placed_faster_than_it_may_drive_is_refused(tmp_path: Path) -> None:
     placed = (PlacedVehicle("ego", 0, 50.0, 33.0, 35.0), PlacedVehicle("other", 1, 9.0, 38.0, 38.0))
     write_scenario(tmp_path / "fast", ScenarioDescription(vehicles=placed))
