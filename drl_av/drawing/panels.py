@@ -116,11 +116,11 @@ def _draw_field(canvas: Canvas, y: float, label: str, value: str, fill: Color) -
 
 
 def _draw_verdict(canvas: Canvas, caption: Caption) -> None:
-    """Draw the safety rule or the collision on a bright background; "none" on a dark one."""
-    label, words = "SAFETY CHECK", caption.rule or "none"
+    """Draw the safety rule or the collision on a bright background, or that neither happened."""
+    label, words = "SAFETY CHECK", caption.rule or "changes nothing"
     if caption.collision:
         label, words = "COLLISION", caption.collision
-    alarmed = words != "none"
+    alarmed = bool(caption.rule or caption.collision)
     ink = DARK if alarmed else DIM
     fill = EGO_COLOR if caption.collision else ALARM if alarmed else GROUND
     canvas.box((376, 606, 800, 696), fill, radius=9)
