@@ -70,6 +70,12 @@ def test_the_settings_page_names_every_setting_with_its_meaning_and_source(site:
         assert setting.source in page
 
 
+def test_the_python_page_describes_what_a_function_returns_in_one_piece(site: Path) -> None:
+    page = (site / "reference" / "python.html").read_text(encoding="utf-8")
+    lists = re.findall(r"Returns:</span></p>\s*<ul>(.*?)</ul>", page, re.DOTALL)
+    assert {items.count("<li") for items in lists} == {1}
+
+
 def test_the_command_line_page_has_the_help_of_every_verb(site: Path) -> None:
     page = words(site / "reference" / "command_line.html")
     for verb in VERBS:
