@@ -44,7 +44,7 @@ VERBS = {
     "config": Verb(
         "print all settings with their meaning", options.add_config_options, options.config
     ),
-    "figures": Verb("draw the paper's figures as PNG files", figures.add_options, figures.figures),
+    "figures": Verb("draw the figures of tables and runs", figures.add_options, figures.figures),
 }
 
 
