@@ -378,7 +378,7 @@ def learning_figure(variants: Sequence[str], columns: Sequence[str], folder: Pat
     """
     rows = ResultsFolder(folder).rows("curves.csv")
     names = [name for name in variants if any(row["variant"] == name for row in rows)]
-    figure, axes = panels((1 + 5 * len(columns), 4.0), 1, len(columns))
+    figure, axes = panels((11.5, 3.8), 1, len(columns))
     for panel, column in zip(axes, columns, strict=True):
         label_axes(panel, "training episode", PANELS[column])
         for variant in names:
