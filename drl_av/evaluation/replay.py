@@ -138,11 +138,12 @@ class ReplaySession:
 
     @property
     def facts(self) -> str:
-        """The safety check, the scenario and the world in words."""
+        """The safety check, the scenario without its folders, and the world in words."""
         own, settings = self.custom.safety_check, self.config.simulation
         check = self.config.safety.check if own is None or not isinstance(own, str) else own
         check = "none" if isinstance(self.driver, SumoDriver) else check
-        return f"safety check: {check}; scenario: {settings.scenario}; world: {settings.world}"
+        road = Path(settings.scenario).name
+        return f"safety check: {check}; scenario: {road}; world: {settings.world}"
 
     def with_options(self, *words: str) -> "ReplaySession":
         """Return the session with further options of SUMO."""

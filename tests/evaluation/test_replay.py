@@ -197,8 +197,9 @@ def test_two_drivers_meet_the_same_traffic_on_one_page(here: Path, capsys: Capsy
     assert (one["title"], other["title"]) == ("idm@strict, seed 4", "random, seed 4")
     assert one["frames"][0] == other["frames"][0]
     assert one["frames"][3] != other["frames"][3]
-    by_sumo = ReplaySession(SHORT, load_driver("sumo"), "sumo", 0, 3)
-    assert by_sumo.facts.startswith("safety check: none; ")
+    elsewhere = SHORT.updated("simulation", scenario="/home/ann/circle")
+    by_sumo = ReplaySession(elsewhere, load_driver("sumo"), "sumo", 0, 3)
+    assert by_sumo.facts == "safety check: none; scenario: circle; world: sumo"
     for name in ("idm", "random"):
         assert main(["replay", name, *drive, "--record", f"{name}.npz"]) == 0
     assert main(["replay", "idm.npz", "random.npz", "--html", "again.html"]) == 0
