@@ -51,7 +51,7 @@ STYLES = {
     "Algorithm 1": ("#d55e00", "o"),
 }
 """Colour and marker of each driver's curve; colour-blind readers can distinguish them."""
-OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#44aa99", "#117733", "#661100")
+OTHER_COLORS = ("#e69f00", "#997700", "#999933", "#aa4499", "#4433ff", "#117733", "#661100")
 OTHER_STYLES = [(color, mark) for mark in ("D", "P", "X", "*", "p", "h") for color in OTHER_COLORS]
 """The styles of all other drivers."""
 LINES = ("-", "--", ":", "-.")
