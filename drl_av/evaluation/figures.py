@@ -214,7 +214,8 @@ def speed_figure(rows: Sequence[EpisodeResult]) -> "Figure":
     are a band, are over the means of its trainings, at the numbers that all of them have.
 
     Raises:
-        DrlAvError: there are more than ``MOST_DRIVERS`` drivers.
+        DrlAvError: there are more than ``MOST_DRIVERS`` drivers, or the trainings of a group have
+            no number of vehicles in common.
     """
     drivers = list(grouped(rows, lambda row: row.compared_as).values())
     if len(drivers) > MOST_DRIVERS:
@@ -230,6 +231,11 @@ def speed_figure(rows: Sequence[EpisodeResult]) -> "Figure":
             for number, own in sorted(cells.items())
             if _trainings(own) == _trainings(driven)
         ]
+        if not means[_label(driven)]:
+            raise DrlAvError(
+                f"The trainings of {driven[0].compared_as} have no number of vehicles in common: "
+                "evaluate them together."
+            )
     figure, axes = one_panel("vehicles around the ego", "mean speed of the ego, m/s")
     banded = [_label(driven) for driven in drivers if driven[0].is_training]
     legend_of_names(axes, curves_by_density(axes, means, lowest=0.0, banded=banded))

@@ -1,5 +1,6 @@
 """Trainings of one kind with several seeds, compared as one driver."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from runs import SHORT, Capsys, run_folder
 from drl_av.cli import main
 from drl_av.drivers.groups import trainings_of
 from drl_av.drivers.registry import baselines, find_drivers, load_driver
-from drl_av.errors import ConfigError
+from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.evaluate import evaluate
 from drl_av.evaluation.figures import (
@@ -95,6 +96,9 @@ def test_figures_have_a_curve_and_a_band_for_a_group() -> None:
     ends = band.get_paths()[0].get_extents()
     assert (ends.y0, ends.y1) == pytest.approx((28 - 14.905, 28 + 14.905), abs=1e-2)
     assert "ppo, 3 trainings" in labels
+    apart = [replace(row, vehicles=place) for place, row in enumerate(ROWS)]
+    with pytest.raises(DrlAvError, match="trainings of ppo have no number of vehicles in common"):
+        speed_figure(apart)
     [gains] = gain_figure(gains_over_fastest(ROWS, ["idm"]), ROWS).axes
     assert "ppo, 3 trainings" in [line.get_label() for line in gains.lines]
     assert gains.collections[0].get_paths()[0].get_extents().y1 == pytest.approx(
