@@ -23,7 +23,7 @@ from drl_av.drivers.registry import DriverSpec, find_drivers
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.metrics import EpisodeResult
+from drl_av.env.metrics import EpisodeResult, leader
 from drl_av.env.renderer import next_caption
 from drl_av.env.rollout import Watcher, drive
 from drl_av.env.transition import Transition
@@ -342,7 +342,7 @@ def critical_picture(decisions: Sequence[Transition], caption: Caption, road: Ro
     """
 
     def nearness(decision: Transition) -> tuple[bool, float]:
-        front = decision.next_scene.affordances.own_front
+        front = leader(decision.next_scene)
         ttc_s = math.inf if front is None else time_to_collision(front.gap_m, closing_speed(front))
         return decision.collision is None, ttc_s
 

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from decisions import decided
 from runs import Capsys
-from worlds import CENTER, MERGE, Car, ahead, behind, scene
+from worlds import CENTER, MERGE, ROAD, Car, ahead, behind, scene
 
 import drl_av
 from drl_av.cli import main
+from drl_av.drawing.panels import Caption
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.evaluation.criticality import CriticalityMetrics, CriticalityResult, styles
+from drl_av.evaluation.replay import critical_picture
 
 CHANGE = LaneChange(0, 1)
 
@@ -99,6 +101,9 @@ def test_neither_the_end_of_a_lane_nor_who_drives_beside_the_ego_is_a_vehicle_ah
         assert (row.tet_s, row.max_drac_m_s2, row.short_headways) == (0.0, 0.0, 0)
         assert (row.min_ttc_s, row.min_headway_s) == (ttc_s, ttc_s)
     assert measured(scene(), scene(Car(2.0, CENTER + 1.7, 15.0))).min_ttc_s == 0.0
+    near, beside = (decided(scene(), look) for look in (scene(ahead(10, speed_m_s=15)), leans_over))
+    drawn, alone = (critical_picture(made, Caption(), ROAD) for made in ([near, beside], [near]))
+    assert np.array_equal(drawn, alone)
 
 
 @pytest.mark.parametrize(
