@@ -266,7 +266,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
             ConfigError: ``n``, ``seed`` or ``world`` is not a possible number.
         """
         require_numbers(n=(n, 1, None), seed=(seed, 0, None), world=(world, 0, self.num_envs))
-        if self._over[world]:
+        if self._over[world] or not self._begun:
             raise gymnasium.error.ResetNeeded("There is no episode to fork: call reset.")
         fork, decisions = copy(self), int(self.episodes.decisions[world])
         for space in ("observation_space", "action_space"):

@@ -186,8 +186,9 @@ def test_after_an_error_in_a_reward_a_reset_comes_first() -> None:
     env.step(KEEP)
     with pytest.raises(ZeroDivisionError):
         env.step(KEEP)
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(KEEP)
+    for goes_on in (env.step, lambda _: env.fork(1)):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            goes_on(KEEP)
     env.reset(seed=1, options={"vehicles": 2})
     env.step(KEEP)
 
