@@ -61,7 +61,7 @@ class Episodes(NamedTuple):
     plan: FloatArray
     """Shape (worlds, 3, steps of a decision): the ego's speed, y and lateral speed."""
     values: FloatArray
-    """Shape (worlds, 29), as ``indicators`` fills it; the first 27 are the indicators."""
+    """Shape (worlds, 30), as ``indicators`` fills it; the first 27 are the indicators."""
     codes: IntArray
     """Shape (worlds, 10), likewise."""
     observation: npt.NDArray[np.float32]
