@@ -153,18 +153,37 @@ def part_of(state: State, prefix: str) -> State:
 
 
 class Buffer(Protocol):
-    """The interface of an experience buffer.
+    """An experience buffer: a ring of terminal transitions, and one of all others.
 
-    ``add_safe`` stores a transition, ``add_collision`` stores a terminal transition, and ``sample``
-    draws a minibatch. ``collisions`` is the number of terminal transitions. ``state`` returns a
-    copy of the contents; ``restore`` loads exactly these, or raises LookupError, TypeError or
-    ValueError if they do not fit.
+    Both may be the same ring. ``sample`` draws a minibatch, and raises ValueError if the buffer is
+    empty. ``state`` returns a copy of the contents; ``restore`` loads exactly these, or raises
+    LookupError, TypeError or ValueError if they do not fit.
     """
 
+    safe: Ring
+    collision: Ring
+    discount: float
+
     @property
-    def collisions(self) -> int: ...
-    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None: ...
-    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None: ...
+    def collisions(self) -> int:
+        """Number of stored terminal transitions."""
+        return self.collision.endings()
+
+    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
+        """Store (s_t, a_t, s_tp1, r_tp1): Algorithm 1 of the paper, line 11."""
+        self.stored(self.safe.append(s_t, a_t, r_tp1, self.discount, s_tp1))
+
+    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
+        """Store a terminal transition, with reward r_col, discount 0 and no next state.
+
+        Algorithm 1 of the paper, lines 6 and 9.
+        """
+        self.stored(self.collision.append(s_t, a_t, r_col, 0.0, 0.0))
+
+    def stored(self, slot: int) -> None:
+        """Handle a new transition, just stored in the row ``slot``; by default do nothing."""
+        return None
+
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch: ...
     def state(self) -> State: ...
     def restore(self, state: State) -> None: ...
@@ -189,22 +208,6 @@ class TwoBuffers(Buffer):
         self.safe = Ring(config.safe_capacity, observation_size)
         self.collision = Ring(config.collision_capacity, observation_size)
         self.discount, self.collision_fraction = config.discount, config.collision_fraction
-
-    @property
-    def collisions(self) -> int:
-        """Number of transitions in Buf_C."""
-        return len(self.collision)
-
-    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store (s_t, a_t, s_tp1, r_tp1) in Buf_S: Algorithm 1 of the paper, line 11."""
-        self.safe.append(s_t, a_t, r_tp1, self.discount, s_tp1)
-
-    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store a terminal transition, with reward r_col and no next state, in Buf_C.
-
-        Algorithm 1 of the paper, lines 6 and 9.
-        """
-        self.collision.append(s_t, a_t, r_col, 0.0, 0.0)
 
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
         """Draw ``batch_size`` transitions with replacement: Algorithm 1 of the paper, line 13.
@@ -247,26 +250,10 @@ class UniformBuffer(Buffer):
 
     def __init__(self, observation_size: int, config: LearningConfig) -> None:
         self.ring = Ring(config.safe_capacity + config.collision_capacity, observation_size)
+        self.safe = self.collision = self.ring
         self.discount = config.discount
 
-    @property
-    def collisions(self) -> int:
-        """Number of stored terminal transitions."""
-        return self.ring.endings()
-
-    def add_safe(self, s_t: Float32Array, a_t: int, r_tp1: float, s_tp1: Float32Array) -> None:
-        """Store the transition (s_t, a_t, s_tp1, r_tp1), with discount gamma."""
-        self.stored(self.ring.append(s_t, a_t, r_tp1, self.discount, s_tp1))
-
-    def add_collision(self, s_t: Float32Array, a_t: int, r_col: float) -> None:
-        """Store a terminal transition, with reward r_col, discount 0 and no next state."""
-        self.stored(self.ring.append(s_t, a_t, r_col, 0.0, 0.0))
-
-    def stored(self, slot: int) -> None:
-        """Handle a new transition, just stored in the row ``slot``; by default do nothing."""
-
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch:
-        """Draw a minibatch of transitions; raises ValueError if the buffer is empty."""
         return batch_of(self.ring.draw(batch_size, rng), self.ring.observation_size)
 
     def state(self) -> State:
