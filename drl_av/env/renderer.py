@@ -43,21 +43,7 @@ def _lane_change(scene: Scene, road: Road) -> str:
     return f"changing {side}, {100 * min(max(done_m / way_m, 0.0), 1.0):.0f} %"
 
 
-class Renderer:
-    """What the renderers have in common; in render mode None there is none."""
-
-    def reset(self, snapshot: Snapshot, seed: int) -> None:
-        """Begin an episode with its first snapshot and the seed of its traffic."""
-
-    def step(self, decision: Transition) -> None:
-        """Show the next decision of the episode."""
-
-    def render(self) -> Picture | None:
-        """Return the picture of the present scene; None if the renderer makes no pictures."""
-        return None
-
-
-class PictureRenderer(Renderer):
+class PictureRenderer:
     """The renderer of render mode ``rgb_array``: it draws the present scene in ``render``."""
 
     def __init__(self, road: Road) -> None:
@@ -65,7 +51,7 @@ class PictureRenderer(Renderer):
         self._moment: tuple[Snapshot, Caption] | None = None
 
     def reset(self, snapshot: Snapshot, seed: int) -> None:
-        """Begin an episode with an empty caption."""
+        """Begin an episode with its first snapshot, the seed of its traffic, and no text yet."""
         self._moment = snapshot, Caption(vehicles=len(snapshot.ids) - 1, seed=seed)
 
     def step(self, decision: Transition) -> None:
@@ -88,7 +74,7 @@ class PictureRenderer(Renderer):
         return draw(snapshot, self._road, caption)
 
 
-class GuiRenderer(Renderer):
+class GuiRenderer:
     """The renderer of render mode ``human``: sumo-gui, with a caption and the films' colours.
 
     ``show`` shows a line of text, and vehicles by id in colours, as ``Simulation.show`` does.
@@ -108,10 +94,14 @@ class GuiRenderer(Renderer):
         text = f"{made} | reward {decision.reward:.2f}"
         self._show(text, vehicle_colors(decision.next_scene.snapshot))
 
+    def render(self) -> Picture | None:
+        """Return None, as there is no picture besides the window."""
+        return None
+
 
 def renderer_of(
     render_mode: str | None, road: Road, show: Callable[[str, Mapping[str, Color]], None]
-) -> Renderer | None:
+) -> PictureRenderer | GuiRenderer | None:
     """Return the renderer of a render mode; ``show`` is the argument of ``GuiRenderer``."""
     if render_mode == "rgb_array":
         return PictureRenderer(road)
