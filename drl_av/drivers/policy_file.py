@@ -96,20 +96,6 @@ def load(path: Path) -> tuple[State, dict[str, Any]]:
     return tensors, metadata
 
 
-def config_of(path: Path, metadata: dict[str, Any]) -> Config:
-    """Return the config in the metadata of a policy file.
-
-    Raises:
-        CheckpointError: it holds other settings than this version knows.
-    """
-    try:
-        return from_toml(str(metadata.get("config")), name=f"the config in {path}")
-    except ConfigError as error:
-        raise CheckpointError(
-            f"{path} was written with other settings than this version knows: {error}"
-        ) from error
-
-
 def load_layers(
     path: Path, kind: str, sizes_of: Callable[[Config], Sequence[int]]
 ) -> tuple[Layers, Config]:
@@ -126,7 +112,12 @@ def load_layers(
         raise CheckpointError(
             f"{path} is a checkpoint, but holds no policy: give the policy.safetensors of a run."
         )
-    config = config_of(path, metadata)
+    try:
+        config = from_toml(str(metadata.get("config")), name=f"the config in {path}")
+    except ConfigError as error:
+        raise CheckpointError(
+            f"{path} was written with other settings than this version knows: {error}"
+        ) from error
     sizes, expected = sizes_of(config), dict[str, tuple[int, ...]]()
     for number, (inputs, outputs) in enumerate(pairwise(sizes)):
         expected[f"layers.{number}.weight"] = (outputs, inputs)

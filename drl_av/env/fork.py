@@ -17,7 +17,6 @@ from drl_av.env.vector import TwinVectorEnv
 from drl_av.errors import ConfigError
 from drl_av.random_streams import kind_of_traffic
 from drl_av.road.snapshot import EGO
-from drl_av.simulation.simulation import Simulation
 from drl_av.twin.copying import copy_scene
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import IN_SUMO
@@ -82,7 +81,12 @@ def copy_episode(
             ours[..., : its.shape[-1]] = its
     else:
         where = simulation.scenario, kind_of_traffic(seed, twin.config.per_traffic_preset)
-        seen = shot, requests_of(simulation, shot.time_s), simulation.speeds_chosen()
+        requests = {
+            row: (lane, round((end_s - shot.time_s) / STEP_S))
+            for row, (lane, end_s) in simulation.requests.items()
+            if lane >= 0
+        }
+        seen = shot, requests, simulation.speeds_chosen()
         population = fleet.population
         if not twin.road.is_loop:
             front_m = shot.s_m + shot.length_m / 2
@@ -112,12 +116,3 @@ def place_ego(twin: TwinVectorEnv, scene: Scene, decisions: int) -> None:
     episodes.heading_rad[0] = 0.0 if change is None else change.heading_rad
     episodes.decisions[0] = decisions
     look_all(twin.worlds, episodes, twin.task, np.zeros(1, np.int64))
-
-
-def requests_of(simulation: Simulation, time_s: float) -> dict[int, tuple[int, int]]:
-    """Return the lane changes that were requested: by row the lane, and the SUMO steps left."""
-    return {
-        row: (lane, round((end_s - time_s) / STEP_S))
-        for row, (lane, end_s) in simulation.requests.items()
-        if lane >= 0
-    }

@@ -111,7 +111,8 @@ def read_table(
     data = _data(path)
     if not data.endswith(b"\n"):
         if not growing:
-            raise DrlAvError(_cut(path, data))
+            last = data.count(b"\n") + 1
+            raise DrlAvError(f"{path}, line {last} is cut short, it has no line end: {_REMEDY}.")
         data = data[: data.rfind(b"\n") + 1]
     reader = csv.reader(io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline=""), strict=True)
     found: list[dict[str, Any]] = []
@@ -178,11 +179,6 @@ def _data(path: Path) -> bytes:
     except UnicodeDecodeError as error:
         raise DrlAvError(f"The table {path} is not UTF-8 text ({error}): {_REMEDY}.") from error
     return data
-
-
-def _cut(path: Path, data: bytes) -> str:
-    last = data.count(b"\n") + 1
-    return f"{path}, line {last} is cut short, it has no line end: {_REMEDY}."
 
 
 def _require_columns(path: Path, header: list[str], types: Mapping[str, Any]) -> None:
