@@ -14,7 +14,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -26,10 +26,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from drl_av.errors import DrlAvError, DrlAvWarning, pluralize, printable
-
-if TYPE_CHECKING:
-    from drl_av.learning.algorithm_1 import EpisodeRow, EvaluationRow
+from drl_av.errors import DrlAvError, DrlAvWarning, printable
 
 REPORT_EVERY_S = 60.0
 """Time between two lines of progress if the output is not a terminal."""
@@ -95,23 +92,6 @@ def progress_bar(what: str, total: int, done: int = 0) -> Iterator[Bar]:
     )
     with progress:
         yield Bar(progress, progress.add_task(what, total=total, completed=done, text=""))
-
-
-def episode_line(row: "EpisodeRow") -> str:
-    """Return one line of text about a training episode."""
-    return (
-        f"reward {row.mean_reward:.3f}  {row.mean_speed_m_s:.1f} m/s  "
-        f"triggers {row.safety_triggers}  epsilon {row.epsilon:.2f}"
-    )
-
-
-def evaluation_line(row: "EvaluationRow") -> str:
-    """Return one line of text about an evaluation during training."""
-    return (
-        f"episode {row.episode}: greedy reward {row.mean_reward:.3f}, "
-        f"{row.mean_speed_m_s:.2f} m/s, {pluralize(row.ego_hits, 'collision')} by the ego, "
-        f"{row.safety_triggers:.1f} triggers an episode"
-    )
 
 
 class StopRequest:

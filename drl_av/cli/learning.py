@@ -330,7 +330,7 @@ def _checks(options: argparse.Namespace) -> list[str]:
 
 def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bool:
     """Train with a progress bar; return True after the last episode, False after a stop."""
-    from drl_av.cli.console import episode_line, evaluation_line, progress_bar, stop_request
+    from drl_av.cli.console import progress_bar, stop_request
     from drl_av.learning.run_folder import train
     from drl_av.learning.train import tensorboard_writer
 
@@ -342,9 +342,19 @@ def _watch(verb: str, run: "Run", training: "Training", tensorboard: bool) -> bo
     ):
         for progress in train(run, training):
             write(progress)
-            bar.advance(episode_line(progress.episode), progress.episode.decisions)
-            if progress.evaluation:
-                bar.say(evaluation_line(progress.evaluation))
+            row, evaluation = progress
+            bar.advance(
+                f"reward {row.mean_reward:.3f}  {row.mean_speed_m_s:.1f} m/s  "
+                f"triggers {row.safety_triggers}  epsilon {row.epsilon:.2f}",
+                row.decisions,
+            )
+            if evaluation:
+                bar.say(
+                    f"episode {evaluation.episode}: greedy reward {evaluation.mean_reward:.3f}, "
+                    f"{evaluation.mean_speed_m_s:.2f} m/s, "
+                    f"{pluralize(evaluation.ego_hits, 'collision')} by the ego, "
+                    f"{evaluation.safety_triggers:.1f} triggers an episode"
+                )
             if stop.made and training.episodes_done < total:
                 run.save(training)
                 return False
