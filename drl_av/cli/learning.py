@@ -87,7 +87,11 @@ def train(options: argparse.Namespace) -> int:
         return train_seeds(jobs, options.jobs, shlex.join(command), _checks(options))
     if options.jobs > 1:
         raise ConfigError(f"--jobs {options.jobs} needs --seeds: one training uses one process.")
-    config = _training_config(options, Run(options.out))
+    run = Run(options.out)
+    stored = _stored(run) if options.resume else None
+    config = _asked(options, stored)
+    if stored is not None:
+        _require_unchanged(run, stored, config)
     if config.learning.algorithm == "ppo":
         return _train_at_scale(options, config)
     custom = custom_parts(options)
@@ -166,7 +170,7 @@ def _seed_jobs(options: argparse.Namespace) -> list[SeedJob]:
     asked = _asked(options, next(iter(begun.values()), None))
     configs = {seed: asked.updated("learning", seed=seed) for seed in runs}
     for seed, stored in begun.items():
-        _unchanged(runs[seed], stored, configs[seed])
+        _require_unchanged(runs[seed], stored, configs[seed])
     if asked.learning.algorithm == "ppo":
         _require_options_of_ppo(options)
     return [SeedJob(r.folder, configs[s], custom, options.tensorboard) for s, r in runs.items()]
@@ -221,12 +225,6 @@ def adapt(options: argparse.Namespace) -> int:
         return _run("adapt", *opened, options, "idm" if resume else word)
 
 
-def _training_config(options: argparse.Namespace, run: "Run") -> Config:
-    stored = _stored(run) if options.resume else None
-    asked = _asked(options, stored)
-    return asked if stored is None else _unchanged(run, stored, asked)
-
-
 def _stored(run: "Run") -> Config:
     """Return the settings of a run to resume; raise RunError if it is a training at scale."""
     stored = run.read_config()
@@ -253,9 +251,9 @@ def _adaptation_config(options: argparse.Namespace, run: "Run", spec: "DriverSpe
     given = _given(options, "episodes", "seed", "learning_rate")
     if options.resume:
         stored = _stored(run)
-        return _unchanged(
-            run, stored, with_command_line(stored, options).updated("learning", **given)
-        )
+        config = with_command_line(stored, options).updated("learning", **given)
+        _require_unchanged(run, stored, config)
+        return config
     assert spec.trained_with is not None
     own, base = spec.trained_with.traffic, adaptation(default_config([spec]))
     most = {"vehicles_min": own.vehicles_min, "vehicles_max": own.vehicles_max}
@@ -276,13 +274,12 @@ def _given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
     return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
 
 
-def _unchanged(run: "Run", stored: Config, asked: Config) -> Config:
+def _require_unchanged(run: "Run", stored: Config, asked: Config) -> None:
     if asked != stored:
         raise RunError(
             f"{run.folder} was begun with other settings than these options ask for: "
             "resume it without them, or begin a new run."
         )
-    return stored
 
 
 def _run(
