@@ -74,7 +74,7 @@ def figures(options: argparse.Namespace) -> int:
     every_run = [run for own in (runs, *groups.values()) for run in own]
     by_ppo = [run for run in every_run if is_ppo(run)]
     by_another = [run for run in every_run if run not in by_ppo]
-    if recordings := [table for table in tables if table.suffix == ".npz"]:
+    if recordings := [table for table in tables if table.suffix.lower() == ".npz"]:
         raise ConfigError(
             f"{recordings[0]} is a recording, not a table: draw it with --time-space."
         )

@@ -175,7 +175,7 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
     )
 
     custom = custom_parts(options)
-    tables = [word for word in options.source if Path(word).suffix == ".csv"]
+    tables = [word for word in options.source if Path(word).suffix.lower() == ".csv"]
     if bool(tables) != (options.worst is not None) or (tables and len(options.source) > 1):
         raise ConfigError(
             "--worst takes a table of evaluate, and a table takes --worst, such as: drl-av replay "
@@ -190,7 +190,8 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
         return worst_sessions(Path(tables[0]), *given, count)
     named = [] if options.driver is None else [options.driver]
     words = [*options.source, *named] or ["pretrained"]
-    files = [w for w in words if Path(w).is_file() and Path(w).suffix not in OTHER_SOURCES]
+    others = [word for word in words if Path(word).suffix.lower() not in OTHER_SOURCES]
+    files = [word for word in others if Path(word).is_file()]
     specs = () if files else find_drivers(words)
     allowed = 2 if [*filter(None, _written(options))] == [options.html] else 1
     if max(len(words), len(specs)) > allowed or files not in ([], words):

@@ -88,6 +88,6 @@ def files_of(path: Path) -> list[Path]:
     An agent may have statistics of VecNormalize, a network in ONNX data in files beside it, whose
     names begin with its own.
     """
-    beside = sorted(path.parent.glob(f"{glob.escape(path.name)}[._]*"))
-    statistics = statistics_file(path) if path.suffix == ".zip" else None
-    return [path, *(beside if path.suffix == ".onnx" else ()), *filter(None, [statistics])]
+    if path.suffix.lower() == ".onnx":
+        return [path, *sorted(path.parent.glob(f"{glob.escape(path.name)}[._]*"))]
+    return [path, *filter(None, [statistics_file(path)])]

@@ -196,8 +196,8 @@ def find_policy(path: Path, shipped: str = "pretrained") -> Path:
         )
     if not path.exists():
         raise RunError(f"There is no file or folder {path}: {remedy}.")
-    if path.suffix in OTHER_FILES and path.is_file():
-        content, use = OTHER_FILES[path.suffix]
+    if (other := OTHER_FILES.get(path.suffix.lower())) and path.is_file():
+        content, use = other
         raise RunError(f"{path} is {content}, not a driver that drl-av trained: {remedy}; {use}.")
     if not file.is_file():
         raise RunError(f"{path} holds no trained driver: {remedy}.")

@@ -237,7 +237,7 @@ def _existing(path: Path) -> Path:
 
 
 def _unknown(word: str) -> ConfigError:
-    names, suffix = driver_names(), Path(word).suffix
+    names, suffix = driver_names(), Path(word).suffix.lower()
     if suffix in (*DRIVER_FILES, ".npz"):
         return ConfigError(f"There is no file {word}: correct its path.")
     what = f"{word!r}{did_you_mean(word, names)}; the drivers are: {', '.join(names)}."

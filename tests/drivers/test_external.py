@@ -21,7 +21,7 @@ from drl_av.cli import main
 from drl_av.config import Config
 from drl_av.config.functions import is_factory, source_digest
 from drl_av.drivers.agent import driver_of_agent
-from drl_av.drivers.external import driver_of_factory
+from drl_av.drivers.external import driver_of_factory, files_of
 from drl_av.drivers.onnx import OnnxDriver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import find_drivers, make_drivers
@@ -186,6 +186,8 @@ def test_a_masked_agent_chooses_what_the_check_permits(tmp_path: Path) -> None:
     )
     assert {bound.act(ALONE, OBSERVATION).number for _ in range(3)} == {7}
     assert free.act(ALONE, OBSERVATION).number == model.predict(OBSERVATION, deterministic=True)[0]
+    (tmp_path / "vecnormalize.pkl").touch()
+    assert len(files_of(tmp_path / "agent.ZIP")) == 2
 
 
 def test_an_agent_that_observes_its_way_drives_where_the_way_is_observed(tmp_path: Path) -> None:

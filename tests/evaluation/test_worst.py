@@ -77,7 +77,8 @@ def test_a_named_driver_chooses_among_its_own_rows(table: list[dict[str, str]]) 
 
 
 def test_the_sheet_has_a_picture_of_each_episode(table: list[dict[str, str]]) -> None:
-    assert main(["replay", "rows.csv", "--worst", "min_ttc_s", "--sheet", "sheet.png"]) == 0
+    Path("rows.csv").rename("rows.CSV")
+    assert main(["replay", "rows.CSV", "--worst", "min_ttc_s", "--sheet", "sheet.png"]) == 0
     with Image.open("sheet.png") as sheet:
         assert sheet.size == (2 * 640, 3 * 360)  # six episodes
         tiles = [
