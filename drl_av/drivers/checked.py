@@ -114,7 +114,7 @@ class PolicyDriver(Driver):
         policy: The function from an observation to an action number, or to an array of one such
             number.
         observe: The function from a scene to the observation, for a policy that was trained with
-            another observation. If it is None, the policy gets the 27 scaled indicators.
+            another observation. If it is None, the policy gets the environment's observation.
 
     Raises:
         ConfigError: ``policy`` or ``observe`` is not a function of one argument.

@@ -216,7 +216,10 @@ class Training:
 
     @property
     def _gradient_steps(self) -> int:
-        """Number of gradient steps after each decision; 0 until enough collisions are stored."""
+        """Number of gradient steps after each decision of the next episode.
+
+        It is 0 if too few collisions are stored at its beginning.
+        """
         enough = self._buffer.collisions >= self._config.collisions_to_start
         return self._config.gradient_steps if enough and self._config.learning_rate > 0 else 0
 
