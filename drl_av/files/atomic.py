@@ -185,8 +185,6 @@ def _unfinished(path: Path) -> Iterator[Path]:
 
 def _remove_abandoned(path: Path) -> None:
     """Remove temporary folders beside ``path`` that belong to processes that no longer run."""
-    if os.name != "posix":
-        return
     stem, suffix = re.escape(path.stem), re.escape(path.suffix)
     for other in path.parent.glob(f".{glob.escape(path.stem)}.*"):
         match = re.fullmatch(rf"\.{stem}\.(\d+)(\.\w+)?\.unfinished{suffix}", other.name)
