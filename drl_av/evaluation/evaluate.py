@@ -1,6 +1,6 @@
 """Evaluates drivers from a user's program: ``drl_av.evaluate``."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict
 from html import escape
@@ -159,6 +159,8 @@ def evaluate(
         warn_of_checks(specs, settings.safety.check)
     metrics = CriticalityMetrics if criticality else EpisodeMetrics
     seeds = range(seed, seed + episodes)
+    if isinstance(observation, Iterator):  # several environments read it
+        observation = tuple(observation)
     custom = CustomParts(own_check, reward, observation)
     counts = [int(number) for number in numbers]
     evaluation = Evaluation(Setup(settings, tuple(specs), metrics, custom), counts, seeds)

@@ -106,6 +106,11 @@ def test_a_driver_named_with_its_check_drives_under_it_whoever_is_beside_it() ->
     assert drl_av.evaluate(words, **given, jobs=2) == rows
 
 
+def test_drivers_of_two_checks_observe_groups_that_can_be_read_once() -> None:
+    given: dict[str, Any] = {"vehicles": 1, "episodes": 1, "config": SHORT}
+    assert len(drl_av.evaluate(["idm", "idm@strict"], observation=iter(["ego"]), **given)) == 2
+
+
 def test_a_file_with_an_at_in_its_name_is_itself(tmp_path: Path) -> None:
     run = run_folder(tmp_path / "run@paper")
     [spec] = find_drivers([str(run)])
