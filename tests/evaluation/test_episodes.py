@@ -141,7 +141,7 @@ def test_interval_of_a_known_sample() -> None:
     mean = mean_with_interval([2, 4, 4, 5, 10])
     assert mean.value == 5.0
     assert mean.half_width == pytest.approx(3.724992, abs=1e-6)
-    assert str(mean) == "5.00 ± 3.72"
+    assert str(mean) == f"{mean}" == "5.00 ± 3.72"
     assert f"{mean:.1f}" == "5.0 ± 3.7"
 
 
