@@ -16,12 +16,12 @@ from drl_av.drivers.learned import INPUTS, KIND
 from drl_av.drivers.policy_file import save
 from drl_av.driving.wide_observation import EGO_AT, LANES_ASIDE
 from drl_av.env.fork import twin_of
-from drl_av.errors import ConfigError, DrlAvError, RunError
+from drl_av.errors import ConfigError, RunError, needed_by
 from drl_av.files.atomic import locked, replacing
 from drl_av.files.table import append_rows, table_bytes
 from drl_av.learning.run_folder import AT_SCALE, refusals_to_make, require_new, require_no_hold
 
-try:
+with needed_by("Training at scale", "sb3-contrib", "'drl-av[train]'"):
     import torch
     from sb3_contrib import MaskablePPO
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
@@ -30,10 +30,6 @@ try:
     from torch import nn
 
     from drl_av.learning.twin_worlds import TwinWorlds
-except ImportError as error:
-    raise DrlAvError(
-        "Training at scale needs sb3-contrib, which is not installed: pip install 'drl-av[train]'."
-    ) from error
 
 USED = {"learning": {"algorithm", "seed"}, "reward": set[str](), "observation": {"range_m", "way"}}
 """The settings of some sections that PPO at scale uses."""

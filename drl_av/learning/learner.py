@@ -15,17 +15,13 @@ from threadpoolctl import threadpool_limits
 from drl_av.compiled import compiled
 from drl_av.drivers.network import Float32Array, Layers, QNetwork, activate_backward, forward
 from drl_av.drivers.policy_file import State
-from drl_av.errors import DrlAvError
+from drl_av.errors import needed_by
 from drl_av.learning.replay import Batch
 
-try:
+with needed_by("Training", "torch", "'drl-av[train]'"):
     import torch
     from torch import Tensor
     from torch.optim.adam import adam
-except ImportError as error:
-    raise DrlAvError(
-        "Training needs PyTorch, which is not installed: pip install 'drl-av[train]'."
-    ) from error
 
 ADAM: dict[str, Any] = {
     "amsgrad": False,

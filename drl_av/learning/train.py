@@ -1,6 +1,6 @@
 """Trains a driver from a user's program, ``drl_av.train``, and writes its rows for TensorBoard."""
 
-import importlib.util
+import importlib
 import random
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -15,7 +15,7 @@ from drl_av.config import Config
 from drl_av.config.presets import as_config
 from drl_av.env.custom import NOTHING_CUSTOM, CustomParts, with_check
 from drl_av.env.transition import RewardFunction
-from drl_av.errors import ConfigError, DrlAvError, RunError
+from drl_av.errors import ConfigError, RunError, needed_by
 from drl_av.files.atomic import refusals
 from drl_av.learning.run_folder import Progress, open_training
 from drl_av.learning.run_folder import train as train_run
@@ -116,10 +116,8 @@ def train_to_end(
 
 def require_tensorboard() -> None:
     """Raise DrlAvError if the package tensorboard is not installed."""
-    if importlib.util.find_spec("tensorboard") is None:
-        raise DrlAvError(
-            "--tensorboard needs the package tensorboard: pip install 'drl-av[tensorboard]'."
-        )
+    with needed_by("--tensorboard", "tensorboard", "'drl-av[tensorboard]'"):
+        importlib.import_module("tensorboard")
 
 
 @contextmanager

@@ -47,9 +47,9 @@ def test_evaluate_and_replay_drive_among_level_1_traffic(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("hidden", "preset", "what"),
     [
-        ("torch", "paper", "needs PyTorch"),
-        ("sb3_contrib", "large", "at scale needs sb3-contrib"),
-        ("stable_baselines3", "large", "at scale needs sb3-contrib"),
+        ("torch", "paper", "needs the package torch"),
+        ("sb3_contrib", "large", "at scale needs the package sb3-contrib"),
+        ("stable_baselines3", "large", "at scale needs the package sb3-contrib"),
     ],
 )
 def test_learning_is_what_needs_torch_and_at_scale_sb3_contrib(
