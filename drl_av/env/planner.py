@@ -106,7 +106,9 @@ class PlannerDriver(Driver):
                 "The planner was loaded for another road than that of the scene: give load_driver "
                 "the config of the environment."
             )
-        shot = self._visible(scene.snapshot)
+        shot = scene.snapshot
+        away_m = self._road.ahead_m(shot.s_m[EGO], shot.s_m)
+        shot = shot.of_rows(np.flatnonzero(np.abs(away_m) <= self._range_m).tolist())
         self._beliefs.see(shot)
         speeds = dict(zip(shot.ids, shot.speed_m_s.tolist(), strict=True))
         for name, predicted in self._predicted.items():
@@ -117,12 +119,6 @@ class PlannerDriver(Driver):
             best = self._best(shot, scene)
         self._predicted, self._speeds = self._predictions(shot, best), speeds
         return ACTIONS[best]
-
-    def _visible(self, shot: Snapshot) -> Snapshot:
-        """Return the vehicles within range."""
-        away_m = self._road.ahead_m(shot.s_m[EGO], shot.s_m)
-        rows = np.flatnonzero(np.abs(away_m) <= self._range_m).tolist()
-        return shot.of_rows(rows)
 
     def _place(self, shot: Snapshot, scene: Scene) -> None:
         """Copy the scene into the world of the twin, without random events to come."""
