@@ -72,7 +72,17 @@ class GroupObservation:
     """
 
     def __init__(self, groups: Sequence[str], scale: ObservationScale) -> None:
-        _require_groups(groups)
+        for group in groups:
+            if not isinstance(group, str) or group not in GROUPS:
+                raise ConfigError(
+                    f"There is no group of indicators {group!r}{did_you_mean(group, GROUPS)}; "
+                    f"the groups are: {WIDE} alone, {', '.join(GROUPS)}."
+                )
+        for group, number in Counter(groups).items():
+            if number > 1:
+                raise ConfigError(f"The group of indicators {group!r} is named {number} times.")
+        if not groups:
+            raise ConfigError(f"observation names no group; the groups are: {', '.join(GROUPS)}.")
         self.groups = groups
         self.names = tuple(name for group in groups for name in GROUPS[group])
         """Name of each element of the observation."""
@@ -196,18 +206,3 @@ def observation_function(
         "a list, or an object with a gymnasium space as its attribute space that is called with a "
         "scene."
     )
-
-
-def _require_groups(groups: Sequence[str]) -> None:
-    """Raise ConfigError if a group is unknown or occurs twice, or no group is given."""
-    for group in groups:
-        if not isinstance(group, str) or group not in GROUPS:
-            raise ConfigError(
-                f"There is no group of indicators {group!r}{did_you_mean(group, GROUPS)}; "
-                f"the groups are: {WIDE} alone, {', '.join(GROUPS)}."
-            )
-    for group, number in Counter(groups).items():
-        if number > 1:
-            raise ConfigError(f"The group of indicators {group!r} is named {number} times.")
-    if not groups:
-        raise ConfigError(f"observation names no group; the groups are: {', '.join(GROUPS)}.")
