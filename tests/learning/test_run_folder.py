@@ -4,6 +4,7 @@ import errno
 import os
 import shutil
 import signal
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -332,7 +333,7 @@ def test_tensorboard_events_are_written_when_asked_for(settings: str, tmp_path: 
 def test_missing_tensorboard_is_reported_before_a_run_is_begun(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "tensorboard", None)  # importing it fails
     assert main(command(tmp_path / "run", "--tensorboard")) == 1
     assert "pip install 'drl-av[tensorboard]'" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
