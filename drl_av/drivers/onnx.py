@@ -263,9 +263,10 @@ class OnnxDriver(Driver):
     """
 
     def __init__(self, path: Path, observed: int = len(INDICATORS)) -> None:
-        self._path, (session, run_options) = path, _session(path)
-        names = [item.name for item in session.get_inputs()]
-        self._is_exported = "indicators" in session.get_modelmeta().custom_metadata_map
+        self._path, (self._session, self._options) = path, _session(path)
+        self._thread = ThreadPoolExecutor(1)
+        names = [item.name for item in self._session.get_inputs()]
+        self._is_exported = "indicators" in self._session.get_modelmeta().custom_metadata_map
         if self._is_exported and observed != len(INDICATORS):
             raise CheckpointError(
                 f"{path} observes the {len(INDICATORS)} indicators alone: drive it without "
@@ -276,7 +277,6 @@ class OnnxDriver(Driver):
                 f"{path} holds a driver of a training at scale, for programs without drl-av: drive "
                 "it here by its name, or the folder of its run."
             )
-        self._run = _Watched(path, session, run_options)
         row = np.zeros((1, len(INDICATORS) if self._is_exported else observed), np.float32)
         try:
             [self._input] = names
@@ -302,7 +302,7 @@ class OnnxDriver(Driver):
         return self._decide(seen[None])
 
     def _decide(self, row: npt.NDArray[Any]) -> Action:
-        [chosen] = self._run({self._input: row})
+        [chosen] = self._run(row)
         if chosen.ndim == 0:
             return action_of(chosen)
         if chosen.shape != (len(ACTIONS),) or not np.isfinite(chosen.max()):  # -inf is a mask
@@ -312,19 +312,13 @@ class OnnxDriver(Driver):
             )
         return ACTIONS[int(chosen.argmax())]
 
+    def _run(self, row: npt.NDArray[Any]) -> Any:
+        """Return the network's first output, or raise what the session raises.
 
-class _Watched:
-    """Runs a session in a thread of its own, so that an endless network can be ended.
-
-    A call of onnxruntime ends neither by Ctrl-C nor by itself if the network has an endless loop.
-    """
-
-    def __init__(self, path: Path, session: Any, options: Any) -> None:
-        self._path, self._session, self._options = path, session, options
-        self._thread = ThreadPoolExecutor(1)
-
-    def __call__(self, feed: dict[str, npt.NDArray[Any]]) -> Any:
-        """Return the network's first output, or raise what the session raises."""
+        The session runs in a thread of its own, so that an endless network can be ended: a call of
+        onnxruntime ends neither by Ctrl-C nor by itself if the network has an endless loop.
+        """
+        feed = {self._input: row}
         running = self._thread.submit(self._session.run, None, feed, self._options)
         try:
             return running.result(LONGEST_RUN_S)[0]

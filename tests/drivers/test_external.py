@@ -318,11 +318,11 @@ def test_a_network_without_an_end_can_be_interrupted(tmp_path: Path) -> None:
         "import os, signal, sys, threading\nfrom drl_av.cli import main\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may ignore it\n"
         "import drl_av.drivers.onnx as module\nmodule.LONGEST_RUN_S = 1000.0\n"
-        "wait = module._Watched.__call__\n"
-        "def watched(self, feed):\n"
+        "wait = module.OnnxDriver._run\n"
+        "def watched(self, row):\n"
         "    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
-        "    return wait(self, feed)\n"
-        "module._Watched.__call__ = watched\n"
+        "    return wait(self, row)\n"
+        "module.OnnxDriver._run = watched\n"
         f"sys.exit(main(['evaluate', {str(path)!r}, '--vehicles', '1', '--episodes', '1']))"
     )
     done = python("-c", program)
