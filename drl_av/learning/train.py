@@ -136,9 +136,10 @@ def tensorboard_writer(
     from torch.utils.tensorboard import SummaryWriter
 
     hook = threading.excepthook
-    _quiet_refusal(hook)
-    with _refusals_of(folder):
-        writer = SummaryWriter(str(folder), purge_step=episodes_done + 1)
+
+    def report(problem: threading.ExceptHookArgs) -> None:
+        if not isinstance(problem.exc_value, OSError):  # add_scalar raises it again
+            hook(problem)
 
     def write(progress: Progress) -> None:
         for group, row in (("episode", progress.episode), ("evaluation", progress.evaluation)):
@@ -146,22 +147,17 @@ def tensorboard_writer(
                 with _refusals_of(folder):
                     writer.add_scalar(f"{group}/{name}", value, progress.episode.episode)
 
-    try:
-        yield write
-    finally:
-        with _refusals_of(folder):
-            writer.close()
-        threading.excepthook = hook
-
-
-def _quiet_refusal(hook: Callable[[threading.ExceptHookArgs], object]) -> None:
-    """Do not print an OSError of TensorBoard's thread, because ``add_scalar`` raises it again."""
-
-    def report(problem: threading.ExceptHookArgs) -> None:
-        if not isinstance(problem.exc_value, OSError):
-            hook(problem)
-
     threading.excepthook = report
+    try:
+        with _refusals_of(folder):
+            writer = SummaryWriter(str(folder), purge_step=episodes_done + 1)
+        try:
+            yield write
+        finally:
+            with _refusals_of(folder):
+                writer.close()
+    finally:
+        threading.excepthook = hook
 
 
 def _refusals_of(folder: Path) -> AbstractContextManager[None]:

@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import sys
+import threading
 from contextlib import closing
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from drl_av.errors import DrlAvError, RunError
 from drl_av.learning import run_folder as module
 from drl_av.learning.algorithm_1 import build_training
 from drl_av.learning.run_folder import Run, open_training, train
+from drl_av.learning.train import tensorboard_writer
 from drl_av.scenarios.folder import write_scenario
 
 EPISODES = 9
@@ -337,6 +339,16 @@ def test_missing_tensorboard_is_reported_before_a_run_is_begun(
     assert main(command(tmp_path / "run", "--tensorboard")) == 1
     assert "pip install 'drl-av[tensorboard]'" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_cannot_have_events_leaves_the_reports_of_threads_alone(
+    tmp_path: Path,
+) -> None:
+    before = threading.excepthook
+    (tmp_path / "file").touch()
+    with pytest.raises(RunError, match="events"), tensorboard_writer(tmp_path / "file" / "in", 0):
+        pass
+    assert threading.excepthook is before
 
 
 FULL_DISK = """
