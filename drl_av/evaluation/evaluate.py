@@ -182,6 +182,7 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
                 "own={'mine': function(config)} or 'module:function'."
             )
     specs = list(find_drivers(words if own else words or ["pretrained"]))
+    has_groups = any(spec.group for spec in specs)
     for name, driver in own.items():
         if not isinstance(name, str) or not name:
             raise ConfigError(f"own names a driver {name!r}, but a name must be a text.")
@@ -190,5 +191,6 @@ def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec
         require_driver(driver, f"The driver {name!r} in own", name)
         if name in [spec.name for spec in specs]:
             raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")
-        specs.append(DriverSpec(printable(name), None, driver))
+        group = printable(name) if has_groups else ""
+        specs.append(DriverSpec(printable(name), None, driver, group=group))
     return specs

@@ -166,5 +166,6 @@ def test_the_table_of_an_evaluation_has_a_column_for_the_group(here: Path, capsy
     assert max(map(len, printed.splitlines())) <= 80
     assert main([*words, "--out", "rows.csv"]) == 0  # nothing is driven again
     assert main(["figures", "rows.csv", "--out", "figures"]) == 0
-    found = evaluate(["mine=runs/*", "idm"], vehicles=0, episodes=1, config=SHORT)
-    assert [row.group for row in found] == ["mine", "mine", "idm"]
+    words, own = ["mine=runs/*", "idm"], {"object": load_driver("gap-mobil")}
+    found = evaluate(words, own=own, vehicles=0, episodes=1, config=SHORT)
+    assert [row.group for row in found] == ["mine", "mine", "idm", "object"]
