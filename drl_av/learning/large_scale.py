@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config import Config
-from drl_av.config.reference import annotated_toml
 from drl_av.drivers.learned import INPUTS, KIND
 from drl_av.drivers.policy_file import save
 from drl_av.driving.wide_observation import EGO_AT, LANES_ASIDE
 from drl_av.env.fork import twin_of
-from drl_av.errors import ConfigError, RunError, needed_by
-from drl_av.files.atomic import locked, replacing
+from drl_av.errors import ConfigError, needed_by
+from drl_av.files.atomic import locked
 from drl_av.files.table import append_rows, table_bytes
-from drl_av.learning.run_folder import AT_SCALE, refusals_to_make, require_new, require_no_hold
+from drl_av.learning.run_folder import AT_SCALE, made_folder, require_new, require_no_hold
 
 with needed_by("Training at scale", "sb3-contrib", "'drl-av[train]'"):
     import torch
@@ -77,11 +76,7 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
     settings, worlds = config.ppo, TwinWorlds(config, config.learning.seed)
     learner, table = learner_of(config, worlds), folder / AT_SCALE
     updates, policy = settings.decisions // settings.batch_size, folder / "policy.safetensors"
-    with refusals_to_make(folder):
-        folder.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(folder, RunError) as new:
-        new.mkdir()
-        (new / "config.toml").write_text(annotated_toml(config), encoding="utf-8")
+    with made_folder(folder, config) as new:
         (new / AT_SCALE).write_bytes(table_bytes(Progress))
     with locked(folder):
         try:

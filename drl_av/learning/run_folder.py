@@ -65,13 +65,9 @@ class Run:
         """
         self._parts = custom_inputs(training.config, self._custom)
         require_new(self.folder, resumable=True)
-        with refusals_to_make(self.folder):
-            self.folder.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(self.folder, RunError) as folder:
-            folder.mkdir()
+        with made_folder(self.folder, training.config) as folder:
             new = Run(folder, self._custom)
             new._parts = self._parts
-            new.config_file.write_text(annotated_toml(training.config), encoding="utf-8")
             new.episodes_file.write_bytes(table_bytes(EpisodeRow))
             new.evaluations_file.write_bytes(table_bytes(EvaluationRow))
             new._save_checkpoint(training)
@@ -196,10 +192,19 @@ def require_new(folder: Path, resumable: bool = False) -> None:
         raise RunError(f"{folder} exists already: {remedy}choose another folder with --out.")
 
 
-def refusals_to_make(folder: Path) -> AbstractContextManager[None]:
-    """Replace an OSError in the block, which makes a run's folder, by a RunError."""
+@contextmanager
+def made_folder(folder: Path, config: Config) -> Iterator[Path]:
+    """Make a run's folder atomically: the block writes beside ``config.toml``, into the path it gets.
+
+    Raises RunError if the folder cannot be made.
+    """
     what, remedy = f"The run folder {folder} cannot be made", "choose another folder with --out"
-    return refusals(what, remedy, RunError)
+    with refusals(what, remedy, RunError):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(folder, RunError) as new:
+        new.mkdir()
+        (new / "config.toml").write_text(annotated_toml(config), encoding="utf-8")
+        yield new
 
 
 def _without_digest(part: str) -> str:
