@@ -15,7 +15,7 @@ from drl_av.drivers.background.traffic import TrafficDrivers
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.twin_simulation import TwinSimulation
 from drl_av.errors import ConfigError, pluralize, warn
-from drl_av.random_streams import Stream, generator, kind_of_traffic
+from drl_av.random_streams import Stream, generator
 from drl_av.scenarios.folder import Scenario, with_scenario
 from drl_av.scenarios.layout import Layout
 from drl_av.simulation.fleet import Fleet
@@ -240,18 +240,3 @@ def traffic_setups(
         world = TwinSimulation if each.simulation.world == "twin" else Simulation
         found.append(TrafficSetup(world(scenario, each, gui, sumo_options), drivers))
     return found
-
-
-def drawn_traffic(
-    setups: Sequence[TrafficSetup], seed: int, before: Simulation | TwinSimulation
-) -> TrafficSetup:
-    """Draw the traffic of an episode from its seed, and return it.
-
-    ``before`` is the simulation of the previous episode. If the episode has another simulation,
-    ``before`` is closed, and the new one calls the same ``after_step``.
-    """
-    drawn = kind_of_traffic(seed, setups)
-    if drawn.simulation is not before:
-        before.close()
-        drawn.simulation.after_step = before.after_step
-    return drawn

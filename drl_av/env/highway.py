@@ -19,7 +19,6 @@ from drl_av.driving.scene import LaneChange, infer_action
 from drl_av.env.custom import custom_check, custom_observation_of, custom_reward_of, with_check
 from drl_av.env.episode_start import (
     TrafficSetup,
-    drawn_traffic,
     most_decisions,
     number_of_vehicles,
     require_range,
@@ -183,9 +182,11 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
         self._over = True
         given = reset_options(options)
         self.seed = traffic_seed(seed, given, self.np_random)
-        self.simulation, self.traffic_drivers = drawn_traffic(
-            self._setups, self.seed, self.simulation
-        )
+        drawn = kind_of_traffic(self.seed, self._setups)
+        if drawn.simulation is not self.simulation:
+            self.simulation.close()
+            drawn.simulation.after_step = self.simulation.after_step
+        self.simulation, self.traffic_drivers = drawn
         fleet = self.simulation.fleet
         if "vehicles" not in given:
             self.require_room()
