@@ -95,7 +95,7 @@ def driver_of_agent(
     try:
         stored = {name: None for name, value in data.items() if is_pickled(value)}
         _, tensors, _ = library.load_from_zip_file(path, custom_objects=stored, device="cpu")
-        policy = policy_class(observes, acts, _no_learning, **kwargs)
+        policy = policy_class(observes, acts, lambda progress: 0.0, **kwargs)
         policy.load_state_dict(tensors["policy"])
         policy.set_training_mode(False)
     except Exception as error:  # of torch, of the library, or of the file's own classes
@@ -108,10 +108,6 @@ def driver_of_agent(
         return policy.predict(given, deterministic=True, **mask)[0]
 
     return MaskedAgent(choose, check()) if "maskable" in module else PolicyDriver(choose)
-
-
-def _no_learning(progress: float) -> float:
-    return 0.0
 
 
 def _squeezed(error: Exception) -> str:

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from html import escape
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, SupportsIndex, TypeGuard, overload
+from typing import Any, SupportsIndex, overload
 
 from drl_av.config import Config
 from drl_av.config.presets import PRESETS
@@ -150,7 +150,7 @@ def evaluate(
             f"own is a {type(own).__name__}, but must be a dictionary of drivers by name: write "
             "own={'mine': driver}."
         )
-    specs = _specs(drivers if _is_several(drivers) else [drivers], own)
+    specs = _specs(drivers, own)
     settings = driving_config(specs, config, traffic)
     settings = with_scenario(settings, scenario, traffic)
     settings, own_check = with_check(settings, safety_check)
@@ -168,12 +168,9 @@ def evaluate(
         return Results(rows)
 
 
-def _is_several(drivers: object) -> TypeGuard[Iterable[Word]]:
-    return isinstance(drivers, Iterable) and not isinstance(drivers, str | Path)
-
-
-def _specs(drivers: Iterable[Any], own: Mapping[str, Driver]) -> list[DriverSpec]:
-    words = list(drivers)
+def _specs(drivers: Any, own: Mapping[str, Driver]) -> list[DriverSpec]:
+    is_one = isinstance(drivers, str | Path) or not isinstance(drivers, Iterable)
+    words: list[Any] = [drivers] if is_one else list(drivers)
     for word in words:
         if not isinstance(word, str | Path):
             raise ConfigError(

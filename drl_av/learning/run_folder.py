@@ -194,7 +194,7 @@ def require_new(folder: Path, resumable: bool = False) -> None:
 
 @contextmanager
 def made_folder(folder: Path, config: Config) -> Iterator[Path]:
-    """Make a run's folder atomically: the block writes beside ``config.toml``, into the path it gets.
+    """Make a run's folder with its ``config.toml`` atomically; the block adds files in it.
 
     Raises RunError if the folder cannot be made.
     """
