@@ -6,18 +6,16 @@ and what the function returned. Because an engine can start a job again, a funct
 must continue an interrupted job, and do nothing if the job is complete.
 """
 
-import contextlib
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
 from itertools import islice
 from queue import Empty, SimpleQueue
-from threading import Thread
 from typing import Any, TypeVar
 
 from loky import ProcessPoolExecutor
@@ -128,7 +126,7 @@ def _lives(node: str) -> bool:
     return any(each["NodeID"] == node and each["Alive"] for each in nodes)
 
 
-@contextlib.contextmanager
+@contextmanager
 def cluster(processes: int) -> Iterator[None]:
     """Provide a Ray cluster for the block.
 
@@ -149,7 +147,7 @@ def cluster(processes: int) -> Iterator[None]:
         yield
 
 
-def _joined(options: dict[str, Any]) -> contextlib.AbstractContextManager[Any]:
+def _joined(options: dict[str, Any]) -> AbstractContextManager[Any]:
     """Join the cluster at ``RAY_ADDRESS`` within JOIN_S seconds.
 
     Ray itself would try for minutes, during which Ctrl-C has no effect.
@@ -167,7 +165,7 @@ def _joined(options: dict[str, Any]) -> contextlib.AbstractContextManager[Any]:
         except Exception as error:
             answers.put(error)
 
-    Thread(target=join, daemon=True).start()
+    threading.Thread(target=join, daemon=True).start()
     try:
         answer = answers.get(timeout=JOIN_S)
     except Empty:
@@ -178,7 +176,7 @@ def _joined(options: dict[str, Any]) -> contextlib.AbstractContextManager[Any]:
             f"({str(answer).splitlines()[0].rstrip('.')}): start one there, or unset RAY_ADDRESS "
             "to work on this machine alone."
         ) from answer
-    cluster: contextlib.AbstractContextManager[Any] = answer
+    cluster: AbstractContextManager[Any] = answer
     return cluster
 
 

@@ -1,7 +1,6 @@
 """Files are replaced whole or stay unchanged, and no second process writes to them; and hashes."""
 
 import atexit
-import contextlib
 import errno
 import fcntl
 import glob
@@ -9,11 +8,10 @@ import hashlib
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 
 from drl_av.errors import DrlAvError, RunError
 
@@ -205,7 +203,7 @@ def _runs(process: int) -> bool:
 
 def _sync(path: Path) -> None:
     """Wait until a file, or the names in a folder if the system supports it, are on the disk."""
-    with contextlib.suppress(OSError) if path.is_dir() else contextlib.nullcontext():
+    with suppress(OSError) if path.is_dir() else nullcontext():
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -263,7 +261,7 @@ def hold(table: Path) -> None:
     if path in _held:
         return
     name = hashlib.sha256(os.fsencode(path)).hexdigest()[:16]
-    file = Path(tempfile.gettempdir(), f"drl-av-{os.getuid()}-{name}.lock")
+    file = Path(gettempdir(), f"drl-av-{os.getuid()}-{name}.lock")
     busy = DrlAvError(
         f"Another process is writing to {table}: wait for it, stop it first, or choose another "
         "--out."
