@@ -96,8 +96,7 @@ def read_table(
     Args:
         path: The file.
         columns: The type of each column to read; None reads all columns as text. A type is str,
-            int, bool, float (a finite number), PossiblyInfinite or PlainNumber, or the union of one
-            of these with None; an empty cell of a union is read as None.
+            int, bool, float (a finite number), PossiblyInfinite or PlainNumber.
         growing: Whether another program may still be adding rows. Such a table may be missing or
             empty (the result is []), and an incomplete last line is ignored.
 
@@ -200,31 +199,24 @@ def _row(
         raise DrlAvError(
             f"{place}: there are {len(cells)} values for {len(header)} columns: {_REMEDY}."
         )
-    by_name = dict(zip(header, cells, strict=True))
-    return {name: _value(place, name, by_name[name], kind) for name, kind in types.items()}
-
-
-def _value(place: str, column: str, cell: str, kind: Any) -> Any:
-    """Convert a cell to ``kind``, or to None if it may be empty; raise DrlAvError if it misfits."""
-    optional = [each for each in getattr(kind, "__args__", ()) if each is not type(None)]
-    if kind not in _KINDS and len(optional) == 1:
-        if not cell:
-            return None
-        kind = optional[0]
-    try:
-        return parse_cell(cell, kind)
-    except ValueError as error:
-        raise DrlAvError(
-            f"{place}: {column} is {cell[:SHOWN]!r}, but must be {_KINDS[kind]}: {_REMEDY}."
-        ) from error
+    by_name, row = dict(zip(header, cells, strict=True)), dict[str, Any]()
+    for name, kind in types.items():
+        try:
+            row[name] = parse_cell(by_name[name], kind)
+        except ValueError as error:
+            shown = by_name[name][:SHOWN]
+            raise DrlAvError(
+                f"{place}: {name} is {shown!r}, but must be {_KINDS[kind]}: {_REMEDY}."
+            ) from error
+    return row
 
 
 def parse_cell(cell: str, kind: Any) -> Any:
     """Return the value of a cell, a str, int, bool or float; ``kind`` is the type of its column.
 
-    ``kind`` is one of the types of ``read_table``, without unions. Raises ValueError if the cell is
-    not of this type. NaN is never allowed, and inf is allowed only for PossiblyInfinite. A
-    PlainNumber is at most ``LARGEST`` in absolute value.
+    ``kind`` is one of the types of ``read_table``. Raises ValueError if the cell is not of this
+    type. NaN is never allowed, and inf is allowed only for PossiblyInfinite. A PlainNumber is at
+    most ``LARGEST`` in absolute value.
     """
     value: Any
     if kind is bool:
