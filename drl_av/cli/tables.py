@@ -1,6 +1,5 @@
 """Prints the tables of ``drl-av evaluate``."""
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -162,6 +161,4 @@ def print_styles(styles: Sequence["Style"], title: str) -> None:
 
 
 def _cell(mean: "Mean", digits: int = 2) -> str:
-    if math.isinf(mean.half_width):
-        return f"{mean.value:.{digits}f}"
-    return f"{mean.value:.{digits}f}{plus_minus()}{mean.half_width:.{digits}f}"
+    return f"{mean:.{digits}f}".replace(" ± ", plus_minus())

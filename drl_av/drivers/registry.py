@@ -37,7 +37,6 @@ from drl_av.drivers.rule_based import (
     MobilDriver,
     RandomDriver,
     SumoDriver,
-    require_world,
 )
 from drl_av.errors import ConfigError, printable
 from drl_av.safety import CHECKS, named_check
@@ -352,8 +351,12 @@ def rule_driver(name: str, config: Config) -> Driver:
         if is_factory(name):
             return driver_of_factory(name, config)
         raise _unknown(name)
-    driver = RULE_DRIVERS[name](config)
-    require_world(driver, config.simulation.world)
+    driver, world = RULE_DRIVERS[name](config), config.simulation.world
+    if world != "sumo" and isinstance(driver, SumoDriver | IdmSumoDriver):
+        raise ConfigError(
+            "SUMO drives or changes lanes for the drivers sumo, sumo-tuned and idm-sumo, but the "
+            f"world is the {world}: evaluate them in SUMO."
+        )
     return driver
 
 

@@ -115,15 +115,6 @@ TUNED = EgoModel(headway_s=0.8, assertiveness=1.5, speed_gain=5.0, overtake_righ
 not part of this project."""
 
 
-def require_world(driver: object, world: str) -> None:
-    """Raise ConfigError if a driver is SUMO's, or asks it, and the world is not SUMO."""
-    if world != "sumo" and isinstance(driver, SumoDriver | IdmSumoDriver):
-        raise ConfigError(
-            "SUMO drives or changes lanes for the drivers sumo, sumo-tuned and idm-sumo, but the "
-            f"world is the {world}: evaluate them in SUMO."
-        )
-
-
 class SumoDriver(Driver):
     """Lets SUMO's IDM and lane-change model SL2015 drive the ego, with the parameters ``model``.
 

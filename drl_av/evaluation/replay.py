@@ -90,7 +90,8 @@ def page_episode(session: "ReplaySession", decisions: Sequence[Transition]) -> P
         }
         for made in decisions
     ]
-    return PageEpisode(session.title, session.facts, are, shots, found)
+    title = f"{session.name}, seed {session.seed}"
+    return PageEpisode(title, session.facts, are, shots, found)
 
 
 def _values(driver: Driver, decision: Transition) -> list[float] | None:
@@ -130,11 +131,6 @@ class ReplaySession:
     def road(self) -> Road:
         """The road of the episode's scenario."""
         return load_scenario(find_scenario(self.config.simulation.scenario)).road
-
-    @property
-    def title(self) -> str:
-        """The driver and the traffic seed."""
-        return f"{self.name}, seed {self.seed}"
 
     @property
     def facts(self) -> str:

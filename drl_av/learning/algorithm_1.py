@@ -162,11 +162,6 @@ class Training:
         self.episodes_done = 0
 
     @property
-    def epsilon(self) -> float:
-        """Probability of a random action in the next episode."""
-        return linear_epsilon(self.episodes_done, self._config)
-
-    @property
     def learning_rate(self) -> float:
         """Step size of Adam in the next episode."""
         lost = 1 - self._config.learning_rate_end_fraction
@@ -181,7 +176,7 @@ class Training:
             metrics: An empty EpisodeMetrics to fill, if the caller needs more than the row.
         """
         metrics = metrics or EpisodeMetrics()
-        self._explorer.epsilon = epsilon = self.epsilon
+        self._explorer.epsilon = epsilon = linear_epsilon(self.episodes_done, self._config)
         self._learner.learning_rate = self.learning_rate
         self._buffer.anneal(self.episodes_done / self._config.episodes)
         seed, vehicles = traffic_seed(None, {}, self._rng), 0
