@@ -162,7 +162,7 @@ def barricade_plan(options: Options) -> Plan:
     ]
     calls = [Call(_keys(config), train_and_evaluate, config) for config in configs]
     place = order_by(seed=SEEDS, safety_check=CHECKS, phase=PHASES, episode=int)
-    return Plan(Inputs({"": configs[0]}, {"": None}), place, calls=calls)
+    return Plan(Inputs({"": configs[0]}), place, calls=calls)
 
 
 def barricade_table(folder: Path) -> str:

@@ -49,9 +49,8 @@ class Inputs(NamedTuple):
     """
 
     settings: Mapping[str, Config]
-    policies: Mapping[str, str | None] = {}
-    """SHA-256 of the learned drivers' weights. The only name may be "": its value is then that of
-    all learned drivers, or None if all drivers are rule-based."""
+    policies: Mapping[str, str] = {}
+    """SHA-256 of each learned driver's weights, by its name; rule-based drivers have none."""
     episodes: Mapping[str, int] = {}
     """Number of training episodes of the drivers."""
     custom: Mapping[str, str] = {}
@@ -72,7 +71,7 @@ class Inputs(NamedTuple):
         pairs: list[tuple[Mapping[str, Any], Mapping[str, Any]]]
         pairs = [*zip(self[1:], other[1:], strict=True)]
         differ = (n for own, its in pairs for n, v in its.items() if own.get(n, v) != v)
-        return next((name or "driver" for name in differ), "")
+        return next(differ, "")
 
     def extended(self, other: "Inputs") -> "Inputs":
         """Return a value with the entries of both; for a name in both, that of ``other``."""
@@ -200,10 +199,8 @@ class ResultTable:
             "seeds": _ranges({int(row["seed"]) for row in rows}),
             "wall_time_s": times[""] if times.keys() == {""} else times,
         }
-        if "" not in policies and policies:
+        if policies:
             facts["policies_sha256"] = dict(policies)
-        elif policies.get(""):
-            facts["policy_sha256"] = policies[""]
         if episodes:
             facts["episodes"] = dict(episodes)
         if custom:
@@ -239,16 +236,13 @@ def _stored(facts: dict[str, Any], beside: Path) -> Inputs:
     """
     if not (settings := facts["settings"]):
         raise LookupError("no settings")
-    policies, custom = facts.get("policies_sha256", {}), facts.get("custom", {})
+    named = {"": settings} if "simulation" in settings else settings
     try:
-        if "simulation" in settings:
-            config = stored_config(settings, str(beside))
-            policies = policies or {"": facts.get("policy_sha256")}
-            return Inputs({"": config}, policies, custom=custom)
-        configs = {name: stored_config(each, str(beside)) for name, each in settings.items()}
+        configs = {name: stored_config(each, str(beside)) for name, each in named.items()}
     except ConfigError as error:
         raise ValueError(str(error)) from error
-    return Inputs(configs, policies, facts.get("episodes", {}), custom)
+    others = (facts.get(name, {}) for name in ("policies_sha256", "episodes", "custom"))
+    return Inputs(configs, *others)
 
 
 def _seconds(facts: dict[str, Any]) -> dict[str, float]:

@@ -120,6 +120,12 @@ def test_further_drivers_join(saved: Path) -> None:
     table.save()
     facts = json.loads((saved / "rows.json").read_text())
     assert facts["policies_sha256"] == {"mine": "abc", "further": "def"}
+    rules = saved / "rules"
+    for driver, inputs in (("idm", Inputs({"": CONFIG})), ("mine", INPUTS)):
+        table = opened(rules, inputs)
+        table.add(row(1, 0, driver))
+        table.save()
+    require_refused(rules, r"drivers \(mine\)", Inputs({"": CONFIG}, {"mine": "another"}))
 
 
 def test_a_full_disk_leaves_what_the_next_attempt_continues(
