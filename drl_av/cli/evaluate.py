@@ -264,6 +264,7 @@ def _rows(
     left = [job for job in jobs if job.key not in held]
     facts = {"engine": options.engine, "processes": options.jobs}
     saved_s = begun_s = time.monotonic()
+    has_new = False
     before_s = table.seconds.get("", 0.0) if table else 0.0
     try:
         with (
@@ -273,14 +274,14 @@ def _rows(
             for row in found:
                 bar.advance(f"{row.driver}, {pluralize(row.vehicles, 'vehicle')}", row.decisions)
                 if table:
-                    table.add({name: str(value) for name, value in row.cells().items()})
+                    has_new |= table.add({name: str(cell) for name, cell in row.cells().items()})
                     table.seconds[""] = before_s + time.monotonic() - begun_s
                     if time.monotonic() - saved_s > SAVE_EVERY_S:
                         table.save(**facts)
                         saved_s = time.monotonic()
                 yield row
     finally:
-        if table and left:
+        if table and has_new:
             table.save(**facts)
 
 

@@ -233,6 +233,10 @@ def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
     assert driven[10:] == [0, 1]
     assert out.read_bytes().startswith(before.splitlines()[0])
     assert len(out.read_text().splitlines()) == 1 + 9 + 2
+    made = out.with_suffix(".provenance.json").read_bytes()
+    monkeypatch.setattr(module, "drive", lambda *given: signal.raise_signal(signal.SIGTERM))
+    assert cli.main([*words, "--driver", "drl_av.drivers.rule_based:IdmDriver"]) == 130
+    assert out.with_suffix(".provenance.json").read_bytes() == made  # no driver without a row
 
 
 def test_seeds_of_training_are_not_evaluated_on() -> None:
