@@ -204,13 +204,11 @@ class FileStudy:
         trained = self.trained(options)
         settings: dict[str, Config] = {}
         cells = list(self._cells(trained, options, settings))
-        policies: dict[str, str | None] = {
+        policies = {
             name: checksum(find_policy(each.run))
             for name, each in zip(self.drivers, find_drivers(self.drivers), strict=True)
             if each.run
         }
-        if settings.keys() == {""}:
-            policies = {"": "+".join(filter(None, policies.values())) or None}
         inputs = Inputs(settings, policies, {each.name: each.job.stop for each in trained})
         return Plan(inputs, self._place(trained), cells=cells)
 
