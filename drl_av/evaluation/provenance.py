@@ -116,7 +116,7 @@ def read_provenance(table: Path, suffix: str = ".json") -> dict[str, Any]:
 
     Raises:
         DrlAvError: the file is missing beside a table, cannot be read, or holds no JSON object.
-        TypeError: settings, policies or episodes in it are not JSON objects.
+        TypeError: what is listed in it by names, or of former versions, has another form.
     """
     path = table.with_suffix(suffix)
     if not path.exists() and not table.exists():
@@ -132,7 +132,10 @@ def read_provenance(table: Path, suffix: str = ".json") -> dict[str, Any]:
         raise DrlAvError(f"{path} cannot be read ({error}): put back what was there.") from error
     if not isinstance(facts, dict):
         raise DrlAvError(f"{path} holds no provenance: put back what was there.")
-    for name in ("settings", "policies_sha256", "episodes"):
-        if not isinstance(facts.get(name, {}), dict):
-            raise TypeError(f"{name} in {path.name} has no names")
+    kinds: dict[str, type] = dict.fromkeys(
+        ("settings", "policies_sha256", "episodes", "custom"), dict
+    )
+    for name, kind in {**kinds, "before": list}.items():
+        if not isinstance(facts.get(name, kind()), kind):
+            raise TypeError(f"{name} in {path.name} is of another form")
     return facts
