@@ -11,9 +11,9 @@
     planner      decisions of the planner beside those of pretrained, at 30 vehicles, without the
                  steps of the environment
     worlds       256 worlds of the twin with 30 vehicles each, on one thread, under each safety
-                 check, beside the environment; with 112 vehicles, as many as can start, beside
-                 30; and with 65 on the road merge, where vehicles enter and leave,
-                 beside a loop
+                 check, beside the environment; in each kind of traffic, beside calm; with 112
+                 vehicles, as many as can start, beside 30; and with 65 on the road merge, where
+                 vehicles enter and leave, beside a loop
     envpool      256 worlds of the twin beside 256 of EnvPool's Highway-v0 at 3 lanes, 30 vehicles
                  and one decision per second, which it simulates at its own default of 15 Hz; each
                  on one thread, per CPU second

@@ -29,7 +29,7 @@ from benchmark_drives import (
     step_bare,
 )
 
-from drl_av.config import Config
+from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.drivers.registry import find_drivers, load_driver, make_drivers, rule_driver
@@ -144,8 +144,8 @@ def measurements(env: HighwayEnv, actions: dict[int, list[int]]) -> tuple[Rate, 
 def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
     """Return rows of decisions per second of many worlds of the twin.
 
-    Beside them are the environment, and the worlds themselves with fewer vehicles on a road that is
-    shorter by as much, or on the road ``merge`` with as many on a loop.
+    Beside them are the environment, and the worlds themselves: other kinds of traffic beside calm,
+    more vehicles beside fewer on a road that is shorter by as much, ``merge`` beside a loop.
     """
     rows = []
     for check in LEAST_RATIOS:
@@ -154,6 +154,9 @@ def worlds_rows(seeds: Sequence[int], stack: ExitStack) -> list[Row]:
         actions = recorded_actions(env, IdmDriver(config.safety), seeds)
         rates = worlds_rate(config, seeds[0], stack), partial(drive, env, actions)
         rows.append(Row(f"{WORLDS} worlds of the twin, check {check} | environment", *rates))
+    kinds = {kind: worlds_rate(crowded(kind=kind), seeds[0], stack) for kind in SINGLE_PRESETS}
+    calm = kinds.pop("calm")
+    rows += [Row(f"{WORLDS} worlds of the twin, {k} | calm", kinds[k], calm) for k in kinds]
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     rates = {}
     for number in (VEHICLES, ON_MERGE, MANY):
