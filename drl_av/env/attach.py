@@ -22,9 +22,11 @@ from drl_av.env.observation import default_groups, observation_function
 from drl_av.errors import ConfigError, SimulationError
 from drl_av.road.road import CENTERED_M, Road
 from drl_av.road.snapshot import EGO, Command, Snapshot
+from drl_av.road.vehicle_types import LENGTHS_M
 from drl_av.safety import named_check
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import SafetyCheck, apply_check
+from drl_av.safety.reachability import FASTEST_M_S, cut_in_gap, required_travel
 from drl_av.scenarios.imported.net_file import TRUE
 from drl_av.simulation.surroundings import Surroundings
 
@@ -86,7 +88,7 @@ def attach(
         "simulation", step_length_s=step_s, lateral_resolution_m=resolution_m
     )
     settings, own_check = with_check(settings, safety_check)
-    around = Surroundings(connection, vehicle, settings.observation.range_m)
+    around = Surroundings(connection, vehicle, _sight_m(settings))
     if around.speed_m_s() > settings.ego.max_speed_m_s:
         raise ConfigError(
             f"The vehicle drives {around.speed_m_s():g} m/s, but ego.max_speed_m_s is "
@@ -107,6 +109,21 @@ def attach(
     if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
         driver = SteadyDriver(driver, check, settings)
     return AttachedEgo(around, driver, check, settings, connection.simulation.getTime)
+
+
+def _sight_m(config: Config) -> float:
+    """Return how far the ego must see: as its driver, and as a check that lets it stop in time.
+
+    ``strict`` must also see each vehicle behind that could not stop behind an ego at rest.
+    """
+    strict, ego, times = config.strict, config.ego, config.simulation
+    fastest = ego.max_speed_m_s, ego.accelerate_m_s2, 0.0
+    sights_m = [float(cut_in_gap(*fastest, strict, ego, times))]
+    if config.safety.check == "strict":
+        delay_s = strict.follower_response_s + times.decision_interval_s
+        behind = strict.clearance_m, False, FASTEST_M_S, delay_s
+        sights_m.append(required_travel(*behind, strict, times.step_length_s) + strict.clearance_m)
+    return max(config.observation.range_m, max(sights_m) + LENGTHS_M[1])
 
 
 def _require_options(option: Callable[[str], str]) -> None:

@@ -23,6 +23,8 @@ STILL_M_S = 0.01
 """A vehicle whose lateral speed is at most this counts as not moving sideways."""
 ON_LINE_M = 0.05
 """A centre within this distance of the marking between two lanes counts as being in both."""
+FASTEST_M_S = 60.0
+"""Highest speed of another vehicle for which the argument of ``strict`` is proved."""
 
 
 def lanes_under(y_m: Any, width_m: Any, lane_width_m: float) -> tuple[Any, Any]:

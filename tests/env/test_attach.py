@@ -434,6 +434,15 @@ def test_the_ego_is_no_faster_than_its_vehicle(net: Path) -> None:
     assert sumo.vehicle.getSpeed("ego") == pytest.approx(24.0)
 
 
+def test_strict_sees_as_far_as_it_must_whatever_the_driver_observes(tmp_path: Path) -> None:
+    net = a_road(tmp_path, [1] * 4, [f"e{k} 0 e{k + 1} 0" for k in range(3)], metres=150)
+    far = '<route id="end" edges="e3"/>' + car("far", 0, 50, 0, "end")
+    begin_on(net, "e0 e1 e2 e3", car("ego", 0, 50, 20, "way") + far)
+    for check, ids in (("paper", ("ego",)), ("strict", ("ego", "far"))):  # 450 m ahead
+        short = {"observation": {"range_m": 10.0}}
+        assert attached(Does(), check, config=short)[1].snapshot.ids == ids
+
+
 def test_two_egos_drive_under_strict(net: Path) -> None:
     """The type of an ego that is attached has our limits, not those with which SUMO obeys us."""
     begin(net, car("one", 1, 100) + car("two", 2, 150))

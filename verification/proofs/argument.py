@@ -7,6 +7,7 @@ from math import floor
 from drl_av.config import Config
 from drl_av.driving.actions import Longitudinal
 from drl_av.errors import ConfigError
+from drl_av.safety.reachability import FASTEST_M_S
 from drl_av.scenarios.folder import find_scenario, load_scenario
 
 
@@ -40,7 +41,7 @@ class Argument:
     lane_m: Fraction
     width_m: Fraction
     """Width of each vehicle's body."""
-    others_most_m_s: Fraction = Fraction(60)
+    others_most_m_s: Fraction = Fraction(FASTEST_M_S)
     lead_braking_m_s2: Fraction = Fraction(0)
     """Hardest braking of a vehicle ahead."""
     response_steps: int = 0
