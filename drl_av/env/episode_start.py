@@ -20,6 +20,7 @@ from drl_av.scenarios.folder import Scenario, with_scenario
 from drl_av.scenarios.layout import Layout
 from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.simulation import Simulation
+from drl_av.simulation.sumo_options import option_words, require_usual_driving
 
 DECISIONS = SimulationConfig().decisions_per_episode
 """The default number of decisions in an episode, N_s of the paper."""
@@ -232,8 +233,10 @@ def traffic_setups(
 ) -> list[TrafficSetup]:
     """Return the traffic of each kind that an episode may have; often there is only one.
 
-    Raises the errors of ``Simulation`` or ``TwinSimulation``.
+    Raises the errors of ``Simulation`` or ``TwinSimulation``, and of ``require_usual_driving``.
     """
+    if config.safety.check == "strict":
+        require_usual_driving(option_words(sumo_options))
     found = []
     for each in config.per_traffic_preset:
         drivers = TrafficDrivers(each, scenario.road, scenario.vehicle_types)

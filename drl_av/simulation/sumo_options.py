@@ -78,6 +78,23 @@ def require_what_the_ego_sees(words: Sequence[str]) -> None:
             )
 
 
+DRIVES = re.compile(
+    r"--(step-method\.ballistic|default\.action-step-length|time-to-teleport\..*"
+    r"|device\.(driverstate|toc|bluelight|glosa)\..*)"
+)
+"""Options that change how vehicles drive, which the check ``strict`` cannot take into account."""
+
+
+def require_usual_driving(words: Sequence[str]) -> None:
+    """Raise ConfigError if an option of the user breaks what the check ``strict`` assumes."""
+    if changed := next(filter(DRIVES.fullmatch, words), None):
+        raise ConfigError(
+            f"Under the check strict sumo_options must not have {changed}, because vehicles that "
+            "drive otherwise keep to no bound: leave it out, or take the check paper "
+            "(--safety-check paper)."
+        )
+
+
 def require_nothing_unseen(sumo: ModuleType) -> None:
     """Raise ConfigError if SUMO has loaded what the ego would not see, whatever file has it.
 

@@ -187,6 +187,13 @@ def test_an_option_that_cannot_be_is_one_sentence(options: Any, said: str) -> No
     assert isinstance(raised.value, ConfigError if said[:7] != "correct" else SimulationError)
 
 
+@pytest.mark.parametrize("name", ["step-method.ballistic", "default.action-step-length"])
+def test_an_option_that_changes_how_vehicles_drive_is_refused_under_strict(name: str) -> None:
+    with pytest.raises(ConfigError, match=f"Under the check strict .* not have --{name}, because"):
+        HighwayEnv(safety_check="strict", sumo_options=f"--{name}=1")
+    HighwayEnv(safety_check="paper", sumo_options=f"--{name}=1").close()
+
+
 @pytest.mark.parametrize(
     ("element", "sentence"),
     [
