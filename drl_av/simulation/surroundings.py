@@ -142,39 +142,39 @@ class Surroundings:
     def vehicle_types(self, ego: EgoConfig) -> VehicleTypes:
         """Return the limits of SUMO's vehicle types, and of the vehicle after ``take_control``.
 
-        SUMO does not tell which models drive its types: they are taken for those of our scenarios.
+        SUMO tells of their models when they act: else they are taken for those of our scenarios.
         Another vehicle that we drive, whose type SUMO calls TYPE@NAME, has the limits of this one.
         """
         kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self._name
         traffic_id = vehicle.getTypeID(name).removesuffix(f"@{name}")
+        limits = kinds.getLength, kinds.getWidth, kinds.getAccel, kinds.getDecel
+        limits += kinds.getEmergencyDecel, kinds.getMaxSpeedLat
         ours = {f"{traffic_id}@{name}"}
         for each in vehicle.getIDList():
             if vehicle.getSpeedMode(each) == ALL_SPEED_CHECKS_OFF:
                 kind = vehicle.getTypeID(each)
                 ours |= {kind} if kind.endswith(f"@{each}") else set()
         found = {
-            kind: VehicleType(
-                kinds.getLength(kind),
-                kinds.getWidth(kind),
-                kinds.getAccel(kind),
-                kinds.getDecel(kind),
-                kinds.getEmergencyDecel(kind),
-                kinds.getMaxSpeedLat(kind),
-                AS_WRITTEN.traffic.model,
-            )
+            kind: VehicleType(*(read(kind) for read in limits), self._model_of(kind))
             for kind in kinds.getIDList()
             if kind not in ours and (not kind.startswith("DEFAULT_") or kind == traffic_id)
         }
-        traffic = found.pop(traffic_id)
+        traffic, hard_m_s2 = found.pop(traffic_id), ego.hard_brake_m_s2
         size = {"length_m": vehicle.getLength(name), "width_m": vehicle.getWidth(name)}
         own = replace(
             AS_WRITTEN.ego,
             acceleration_m_s2=ego.accelerate_m_s2,
-            braking_m_s2=ego.hard_brake_m_s2,
-            emergency_braking_m_s2=ego.hard_brake_m_s2,
+            braking_m_s2=hard_m_s2,
+            emergency_braking_m_s2=hard_m_s2,
             **size,
         )
         return VehicleTypes(traffic, own, found, traffic_id)
+
+    def _model_of(self, kind: str) -> tuple[tuple[str, str], ...]:
+        """Return the model of a type, with its actionStepLength if that exceeds a SUMO step."""
+        acts_s = float(self._sumo.vehicletype.getActionStepLength(kind))
+        late = acts_s > self._sumo.simulation.getDeltaT() + 1e-6
+        return AS_WRITTEN.traffic.model + (("actionStepLength", f"{acts_s:g}"),) * late
 
     def lane_that_gives_way(self) -> str:
         """Return the first lane of the route that gives way or has a light; "" if none does."""

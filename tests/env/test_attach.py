@@ -511,9 +511,13 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     assert "\n" not in str(error.value)
 
 
-def test_a_type_that_brakes_harder_is_refused_under_strict(net: Path) -> None:
-    begin(net, car("ego", 2, 100), CAR.replace('emergencyDecel="4"', 'emergencyDecel="9"'))
-    with pytest.raises(ConfigError, match=r"Decel of the vehicle type car .*take .*paper") as error:
+@pytest.mark.parametrize("limit", ['emergencyDecel="9"', 'emergencyDecel="4" actionStepLength="1"'])
+def test_a_type_that_brakes_harder_or_later_is_refused_under_strict(net: Path, limit: str) -> None:
+    begin(net, car("ego", 2, 100), CAR.replace('emergencyDecel="4"', limit))
+    key = limit.split()[-1].partition("=")[0]
+    with pytest.raises(
+        ConfigError, match=rf"{key} of the vehicle type car .*take .*paper"
+    ) as error:
         attached("gap-mobil", "strict")
     assert "\n" not in str(error.value)
 
