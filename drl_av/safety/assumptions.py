@@ -30,12 +30,13 @@ AT_MOST = (
     ("ego.hard_brake_m_s2", "strict.braking_m_s2", "the lemma following"),
     ("simulation.step_length_s", "strict.follower_response_s", "bound 4"),
     ("simulation.step_length_s", "the tau of the vehicle type traffic", "bound 4"),
+    ("simulation.step_length_s", "traffic.headway_min_s", "bound 4"),
     ("ego.accelerate_m_s2", "the accel of the vehicle type ego", "bound 3"),
     ("the decel of the vehicle type ego", "ego.hard_brake_m_s2", "bound 3"),
 )
 """(a, b, reason): a must be at most b; ``reason`` names what fails in the proof otherwise."""
 PER_VEHICLE = ("maxSpeed", "tau", "lcSpeedGain")
-"""Attributes that a user's own type may state: they are set for each vehicle in any case."""
+"""Attributes that a type may state: they are set for each vehicle in any case."""
 FALLBACK_CHECK = "the check paper (--safety-check paper)"
 """The check that needs no assumptions, as the error messages recommend it."""
 ROUNDING_M = 1e-6
@@ -56,8 +57,7 @@ def require_assumptions(config: Config, vehicle_types: VehicleTypes, road: Road)
     for name, traffic in vehicle_types.others.items():
         met = VehicleTypes(traffic, vehicle_types.ego)
         _require_bounds(config, met, name)
-        free = () if name == vehicle_types.traffic_id else PER_VEHICLE
-        _require_model(name, traffic, AS_WRITTEN.traffic, free)
+        _require_model(name, traffic, AS_WRITTEN.traffic, PER_VEHICLE)
         _require_one_vehicle_abreast(config, met, road, name)
         _require_narrow_vehicles(config, met, road, name)
         _require_a_long_loop(config, met, road)
@@ -101,6 +101,8 @@ def _require_bounds(config: Config, vehicle_types: VehicleTypes, label: str) -> 
         facts |= {f"{section}.{name}": value for name, value in settings.items()}
     if not config.traffic.truck_share:
         del facts["traffic.truck_acceleration_m_s2"]
+    if label != "traffic":  # no settings of ours draw the headways of its vehicles
+        facts["traffic.headway_min_s"] = math.inf
     for name, limit, reason in AT_MOST:
         if facts.get(name, 0.0) > facts[limit]:
             shown, bound = (word.replace("type traffic", f"type {label}") for word in (name, limit))

@@ -86,7 +86,7 @@ again, SUMO resumes it even into a vehicle beside it.
 - *bound 3*: more than 0.01 random lane changes a second; lanes in which two vehicles fit beside
   each other; vehicles too wide for a lane; loops so short that a follower is too near ahead.
 - *any bound*: vehicle types and trucks that exceed a bound, or that SUMO drives by another model
-  than ours; SUMO steps longer than ``follower_response_s``.
+  than ours; SUMO steps longer than ``follower_response_s`` or than a vehicle's time gap.
 """
 
 from typing import Any

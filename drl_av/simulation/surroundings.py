@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from itertools import pairwise, zip_longest
 from typing import Any, NamedTuple, TypeAlias
 
@@ -147,34 +146,35 @@ class Surroundings:
         """
         kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self._name
         traffic_id = vehicle.getTypeID(name).removesuffix(f"@{name}")
-        limits = kinds.getLength, kinds.getWidth, kinds.getAccel, kinds.getDecel
-        limits += kinds.getEmergencyDecel, kinds.getMaxSpeedLat
         ours = {f"{traffic_id}@{name}"}
         for each in vehicle.getIDList():
             if vehicle.getSpeedMode(each) == ALL_SPEED_CHECKS_OFF:
                 kind = vehicle.getTypeID(each)
                 ours |= {kind} if kind.endswith(f"@{each}") else set()
         found = {
-            kind: VehicleType(*(read(kind) for read in limits), self._model_of(kind))
+            kind: VehicleType(
+                kinds.getLength(kind),
+                kinds.getWidth(kind),
+                kinds.getAccel(kind),
+                kinds.getDecel(kind),
+                kinds.getEmergencyDecel(kind),
+                kinds.getMaxSpeedLat(kind),
+                self._model_of(kind),
+            )
             for kind in kinds.getIDList()
             if kind not in ours and (not kind.startswith("DEFAULT_") or kind == traffic_id)
         }
-        traffic, hard_m_s2 = found.pop(traffic_id), ego.hard_brake_m_s2
-        size = {"length_m": vehicle.getLength(name), "width_m": vehicle.getWidth(name)}
-        own = replace(
-            AS_WRITTEN.ego,
-            acceleration_m_s2=ego.accelerate_m_s2,
-            braking_m_s2=hard_m_s2,
-            emergency_braking_m_s2=hard_m_s2,
-            **size,
-        )
-        return VehicleTypes(traffic, own, found, traffic_id)
+        size_m, hard_m_s2 = (vehicle.getLength(name), vehicle.getWidth(name)), ego.hard_brake_m_s2
+        limits = ego.accelerate_m_s2, hard_m_s2, hard_m_s2, AS_WRITTEN.ego.lateral_speed_m_s
+        own = VehicleType(*size_m, *limits, AS_WRITTEN.ego.model)
+        return VehicleTypes(found.pop(traffic_id), own, found, traffic_id)
 
     def _model_of(self, kind: str) -> tuple[tuple[str, str], ...]:
-        """Return the model of a type, with its actionStepLength if that exceeds a SUMO step."""
-        acts_s = float(self._sumo.vehicletype.getActionStepLength(kind))
+        """Return the model of a type: ours, its tau, and an actionStepLength above a SUMO step."""
+        kinds, own = self._sumo.vehicletype, AS_WRITTEN.traffic.model
+        acts_s, tau = float(kinds.getActionStepLength(kind)), f"{kinds.getTau(kind):g}"
         late = acts_s > self._sumo.simulation.getDeltaT() + 1e-6
-        return AS_WRITTEN.traffic.model + (("actionStepLength", f"{acts_s:g}"),) * late
+        return *own, ("tau", tau), *((("actionStepLength", f"{acts_s:g}"),) if late else ())
 
     def lane_that_gives_way(self) -> str:
         """Return the first lane of the route that gives way or has a light; "" if none does."""

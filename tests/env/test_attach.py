@@ -1,5 +1,6 @@
 """A driver and a check for one vehicle of the user's own SUMO, in a network that is not ours."""
 
+import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -511,14 +512,21 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("limit", ['emergencyDecel="9"', 'emergencyDecel="4" actionStepLength="1"'])
-def test_a_type_that_brakes_harder_or_later_is_refused_under_strict(net: Path, limit: str) -> None:
-    begin(net, car("ego", 2, 100), CAR.replace('emergencyDecel="4"', limit))
-    key = limit.split()[-1].partition("=")[0]
-    with pytest.raises(
-        ConfigError, match=rf"{key} of the vehicle type car .*take .*paper"
-    ) as error:
+@pytest.mark.parametrize(
+    ("old", "key"),
+    [
+        ("emergencyDecel", 'emergencyDecel="9"'),
+        ("speedDev", 'tau="0.4"'),
+        ("speedDev", 'actionStepLength="1"'),
+    ],
+)
+def test_a_type_that_brakes_harder_or_later_is_refused_under_strict(
+    net: Path, old: str, key: str
+) -> None:
+    begin(net, car("ego", 2, 100), re.sub(rf' {old}="\d"', f" {key}", CAR))
+    with pytest.raises(ConfigError, match=r"of the vehicle type car.* take .*paper") as error:
         attached("gap-mobil", "strict")
+    assert key.partition("=")[0] in str(error.value)
     assert "\n" not in str(error.value)
 
 

@@ -59,6 +59,10 @@ def refused(settings: str, sentence: str, road: Road = ROAD) -> None:
         ("strict.follower_braking_m_s2=4.1", "decel of the vehicle type traffic, 4, and not 4.1"),
         ("strict.lateral_speed_m_s=0.7", "strict.lateral_speed_m_s, 0.7, and not 0.76"),
         ("simulation.step_length_s=1.0", "strict.follower_response_s, 0.5, and not 1"),
+        (
+            "simulation.step_length_s=1.0 strict.follower_response_s=1.0",
+            "simulation.step_length_s must be at most traffic.headway_min_s, 0.8, and not 1,",
+        ),
         # 0.84 m from where the body is over the line to where the centre is: 3.8 m take 4.53 s
         (
             "ego.lane_change_duration_s=4.0",
