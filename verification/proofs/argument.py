@@ -40,7 +40,9 @@ class Argument:
     """Duration of a lane change."""
     lane_m: Fraction
     width_m: Fraction
-    """Width of each vehicle's body."""
+    """Width of the ego's body."""
+    widths_m: tuple[Fraction, ...]
+    """Widths of the bodies of the other vehicles."""
     others_most_m_s: Fraction = Fraction(FASTEST_M_S)
     lead_braking_m_s2: Fraction = Fraction(0)
     """Hardest braking of a vehicle ahead."""
@@ -79,7 +81,10 @@ def argument(config: Config) -> Argument:
             f"ego.lateral_plant is {ego.lateral_plant!r}, but the lemma corridor describes "
             "'kinematic' alone: take that."
         )
-    scenario = load_scenario(find_scenario(simulation.scenario)).description
+    scenario = load_scenario(find_scenario(simulation.scenario))
+    types, traffic = scenario.vehicle_types, [one.traffic for one in config.per_traffic_preset]
+    widths_m = {kind.width_m for kind in types.others.values()}
+    widths_m |= {each.truck_width_m for each in traffic if each.truck_share}
     step_s, response_s = exact(simulation.step_length_s), exact(strict.follower_response_s)
     return Argument(
         step_s,
@@ -95,8 +100,9 @@ def argument(config: Config) -> Argument:
         exact(strict.follower_braking_m_s2),
         exact(strict.clearance_m),
         exact(ego.lane_change_duration_s),
-        exact(scenario.lane_width_m),
-        exact(scenario.vehicle_width_m),
+        exact(scenario.road.lane_width_m),
+        exact(types.ego.width_m),
+        tuple(map(exact, sorted(widths_m))),
         lead_braking_m_s2=exact(strict.braking_m_s2),
         response_steps=floor(response_s / step_s),
         cut_in_steps=simulation.steps_per_decision,

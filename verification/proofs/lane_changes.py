@@ -1,7 +1,9 @@
 """Lemmas on the ego's lateral motion: its corridor, and the abort of a lane change."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 from math import ceil
 from typing import NamedTuple
 
@@ -61,19 +63,20 @@ def corridor_claims(a: Argument) -> Iterator[Claim]:
 
     The claims cover the decision and the fallback maneuver after it.
     """
-    for toward in (-1, 0, 1):
+    for other_width_m, toward in product(a.widths_m, (-1, 0, 1)):
+        other, apart_m = replace(a, width_m=other_width_m), (a.width_m + other_width_m) / 2
         for p, y_m, _, end, sign, back, after_m in ways(a):
             later_m, other_m, at_m = (p.unknown(n) for n in ("y_later", "other_y", "other_y_later"))
             on_fallback = between(after_m, later_m, back * a.lane_m)
             p.assume(z3.Or(between(y_m, later_m, after_m), on_fallback))
-            way, theirs = corridor(p, y_m, end, sign, a), extent(p, other_m, toward, a)
+            way, theirs = corridor(p, y_m, end, sign, a), extent(p, other_m, toward, other)
             p.assume(z3.Not(z3.And(theirs.left_m > way.right_m, theirs.right_m < way.left_m)))
-            p.assume(at_m - a.width_m / 2 >= theirs.right_m)
-            p.assume(at_m + a.width_m / 2 <= theirs.left_m)
+            p.assume(at_m - other_width_m / 2 >= theirs.right_m)
+            p.assume(at_m + other_width_m / 2 <= theirs.left_m)
             yield p.follows(
                 later_m - a.width_m / 2 >= way.right_m,
                 later_m + a.width_m / 2 <= way.left_m,
-                z3.Or(at_m - later_m >= a.width_m, later_m - at_m >= a.width_m),
+                z3.Or(at_m - later_m >= apart_m, later_m - at_m >= apart_m),
             )
 
 
@@ -143,26 +146,27 @@ def entering_claims(a: Argument) -> Iterator[Claim]:
         seen = going(start_m, 1, a.abort_decisions * a.steps, a)
         for back in (0, 1):
             if abs(seen[-1] - back * a.lane_m) <= a.lane_m / 2 + ON_LINE:
-                yield entered(a, start_m, [*seen, *going(seen[-1], back, None, a)])
+                path = [*seen, *going(seen[-1], back, None, a)]
+                yield from (entered(a, start_m, path, width_m) for width_m in a.widths_m)
 
 
-def entered(a: Argument, start_m: Fraction, path: list[Fraction]) -> Claim:
-    """Claim that the ego does not touch a vehicle that enters lane 1.
+def entered(a: Argument, start_m: Fraction, path: list[Fraction], width_m: Fraction) -> Claim:
+    """Claim that the ego does not touch a vehicle of width ``width_m`` that enters lane 1.
 
     The ego moves along ``path``, its lateral positions after each step, to the end of the path. The
     vehicle begins to move at the start of the decision, when the ego is at ``start_m``.
     """
     p = Problem()
     y_m, other_m = p.unknown("y", start_m, start_m), p.unknown("other_y", a.lane_m)
-    theirs, way = extent(p, other_m, 0, a), corridor(p, y_m, 1, 1, a)
+    theirs, way = extent(p, other_m, 0, replace(a, width_m=width_m)), corridor(p, y_m, 1, 1, a)
     p.assume(theirs.right_m >= way.left_m + a.lateral_m_s * a.decision_s)
-    apart = []
+    apart, apart_m = [], (a.width_m + width_m) / 2
     for step, ego_m in enumerate(path, 1):
         before_m, other_m = other_m, p.unknown(f"other_y_{step}", a.lane_m)
         p.assume(other_m >= before_m - a.lateral_m_s * a.step_s)
-        apart.append(other_m - ego_m >= a.width_m)
+        apart.append(other_m - ego_m >= apart_m)
     last_m = p.unknown("other_y_at_last", a.lane_m if a.lateral_m_s else other_m)
-    return p.follows(*apart, last_m - path[-1] >= a.width_m)
+    return p.follows(*apart, last_m - path[-1] >= apart_m)
 
 
 LEMMAS = (

@@ -88,6 +88,8 @@ def test_settings_that_the_argument_does_not_cover_are_refused_with_the_lemma_th
         # it may brake less after another vehicle has measured its acceleration and begun to cut in
         ("ego", {"longitudinal_reference": "acc"}, "cut-in"),
         ("ego", {"longitudinal_reference": "idm"}, "cut-in"),
+        # a truck is wider than the ego
+        ("traffic", {"truck_share": 0.1, "truck_width_m": 3.7}, "corridor abort"),
         # the ego passes the line between two decisions, but its centre does not
         ("ego", {"lane_change_duration_s": 3.0}, "abort"),
         ("ego", {"lane_change_duration_s": 4.4}, "abort"),
@@ -118,6 +120,11 @@ def test_the_smallest_accepted_clearance_covers_rounding_where_it_is_largest() -
     least_m = dict(row[:2] for row in AT_LEAST)["clearance_m"]
     # two nanometres of the floor times 20 m/s^2 times a second squared
     assert 4e-8 < rounding_m(hard, argument(hard)) < 5e-8 < least_m / 1000
+
+
+def test_the_bodies_of_trucks_are_among_those_of_the_proof() -> None:
+    assert DEFAULTS.widths_m == (Fraction("1.8"),)
+    assert argument(Config().with_traffic("all")).widths_m == (Fraction("1.8"), Fraction("2.5"))
 
 
 def test_a_decision_finds_the_ego_in_its_lane_at_0_and_at_1_s() -> None:
