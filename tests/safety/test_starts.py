@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 from runs import replace_in
-from worlds import LEFT, ROAD, Car, ahead, behind, scene
+from worlds import CENTER, LEFT, ROAD, Car, ahead, behind, scene
 
 from drl_av.config import Config
 from drl_av.driving.actions import Action, Lateral, Longitudinal
+from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ConfigError, ScenarioError
 from drl_av.road.road import OPEN_LAP_M, Road, SpeedLimit
@@ -31,6 +32,7 @@ STRICT = Config().updated("safety", check="strict")
         (behind(190.0, speed_m_s=38.0), 1.0, True),
         (behind(215.0, speed_m_s=38.0), 1.0, False),
         (behind(20.0, speed_m_s=25.0), 25.0, False),
+        (behind(40.0, speed_m_s=30.0), 25.0, False),  # 56.5 m, if the ego braked hard at once
         (ahead(5.0, speed_m_s=0.0), 20.0, True),
         (ahead(5.0, speed_m_s=20.0), 20.0, False),
         (Car(2.0, speed_m_s=20.0), 20.0, True),  # in the ego's body, ahead of its centre
@@ -93,21 +95,33 @@ FREE = Road(OPEN_LAP_M, 3.8, (True, True, True), 2000.0)
 LIMITED = replace(FREE, speed_limits=((LIMIT,),) * 3)
 
 
-def changes_left(road: Road, gap_m: float, how: Longitudinal) -> bool:
-    """Whether strict lets an ego of 25 m/s move in front of a vehicle of 25 m/s."""
-    # 400 m - 277.5 m: after one second at 25 m/s it may drive 21 m/s
-    world = scene(behind(gap_m, LEFT, 25.0), s_m=275.0, speed_m_s=25.0, road=road)
-    verdict = named_check(STRICT, road=road)(world, Action(Lateral.LEFT, how))
-    return verdict.action.lateral is Lateral.LEFT
+def changes_left(
+    road: Road, gap_m: float, how: Longitudinal, before_m: float, change: LaneChange | None = None
+) -> bool:
+    """Whether strict lets an ego of 25 m/s move in front of a vehicle of 25 m/s.
+
+    The ego's front is so far before the limit, and the ego is 1 s on the way if it changes lanes.
+    """
+    place = {"s_m": 397.5 - before_m, "y_m": CENTER + 0.76 * (change is not None)}
+    world = scene(behind(gap_m, LEFT, 25.0), **place, speed_m_s=25.0, road=road, lane_change=change)
+    lateral = Lateral.LEFT if change is None else Lateral.KEEP
+    return named_check(STRICT, road=road)(world, Action(lateral, how)).action.lateral is lateral
 
 
-def test_a_change_of_lanes_expects_that_a_speed_limit_slows_the_ego_down() -> None:
-    gaps_m = [float(gap_m) for gap_m in range(1, 60)]
+# a second later it may drive 21 m/s or, 131 m before the limit, 23.3 m/s
+@pytest.mark.parametrize(
+    ("before_m", "slowest"), [(122.5, Longitudinal.HARD_BRAKE), (156.0, Longitudinal.BRAKE)]
+)
+@pytest.mark.parametrize("change", [None, LaneChange(1, 2)])
+def test_a_change_of_lanes_expects_that_a_speed_limit_slows_the_ego_down(
+    before_m: float, slowest: Longitudinal, change: LaneChange | None
+) -> None:
     found = {
-        (road is LIMITED, how): [changes_left(road, gap_m, how) for gap_m in gaps_m]
+        (road is LIMITED, how): [
+            changes_left(road, float(gap_m), how, before_m, change) for gap_m in range(1, 90)
+        ]
         for road in (FREE, LIMITED)
-        for how in (Longitudinal.MAINTAIN, Longitudinal.HARD_BRAKE)
+        for how in (Longitudinal.MAINTAIN, slowest)
     }
-    # to keep 21 m/s it may have to brake with 4 m/s^2
-    assert found[True, Longitudinal.MAINTAIN] == found[False, Longitudinal.HARD_BRAKE]
+    assert found[True, Longitudinal.MAINTAIN] == found[False, slowest]
     assert sum(found[False, Longitudinal.MAINTAIN]) > sum(found[True, Longitudinal.MAINTAIN]) > 0

@@ -40,7 +40,7 @@ from drl_av.errors import ConfigError
 from drl_av.road.road import Road, is_open
 from drl_av.safety import named_check
 from drl_av.safety.check import Rule, Verdict
-from drl_av.safety.reachability import lateral_extent, reach, stays_behind
+from drl_av.safety.reachability import cut_in_gap, lateral_extent, reach, stays_behind
 from drl_av.safety.strict import Strict, covered, fallback_lanes, seconds_to_line
 from studies.options import FOLDER, Options
 from studies.study import FileStudy
@@ -152,6 +152,7 @@ def test_the_vehicle_ahead_across_the_seam_of_the_loop_counts() -> None:
         (ahead(20.0, LEFT - 0.04, v_y=-0.76), False),  # it wavers about its centre
         (ahead(20.0, LEFT - 0.38, v_y=-0.76), True),
         (ahead(20.0, LEFT - 0.38, v_y=0.0), False),  # beside the middle, but not on the move
+        (ahead(20.0, LEFT - 0.38, v_y=-0.02), True),
         (ahead(20.0, LEFT - 0.38, v_y=0.76), False),  # on its way back
         (ahead(20.0, LEFT - 0.99, v_y=0.0), False),  # 5.71 is its right side, the line is at 5.7
         (ahead(20.0, LEFT - 1.02, v_y=0.0), True),  # 2 cm over the line
@@ -341,7 +342,13 @@ def test_a_steered_lane_change_is_none_of_its_business() -> None:
 
 @pytest.mark.parametrize("reference", ["idm", "acc"])
 def test_those_behind_count_on_no_more_than_the_hardest_braking_of_a_model(reference: str) -> None:
-    followed = named_check(CONFIG.updated("ego", longitudinal_reference=reference))
+    config = CONFIG.updated("ego", longitudinal_reference=reference)
+    followed, others = named_check(config), (10.0, config.strict)
+    gaps = (
+        cut_in_gap(20.0, rate, *others, ego, config.simulation)
+        for rate, ego in ((0.0, config.ego), (2.0, CONFIG.ego))
+    )
+    assert [*map(float, gaps)] == [67.0, 67.0]  # 76.5 + 0.5 - 10: it may accelerate at any time
     # one behind at 30 m/s rolls 128 m; by maintain the ego comes 65 m, braking hard 45 m
     for gap, verdict in ((83.51, granted(TO_LEFT)), (83.49, refused())):
         world = scene(behind(gap, LEFT, 30.0))
