@@ -68,8 +68,8 @@ def refused(settings: str, sentence: str, road: Road = ROAD) -> None:
             "ego.lane_change_duration_s=4.0",
             "lane_change_duration_s must be at least 4.53, or one of some shorter ones, and not 4,",
         ),
-        # the ego is 0.8 m from the middle a second before, on its way back and there again
-        ("ego.lane_change_duration_s=3.8", "because the lemma abort fails: the centre"),
+        # on its way back the ego is 0.76 m from the middle; there again, 2.28 m a second later
+        ("ego.lane_change_duration_s=2.5", "because the lemma abort fails: the centre"),
         ("ego.lane_change_duration_s=2.0", "and not 2, because the lemma abort fails"),
         ("ego.lane_change_duration_s=1.0", "and not 1, because the lemma abort fails"),
         (
