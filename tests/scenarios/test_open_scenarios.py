@@ -225,7 +225,7 @@ def test_an_exit_of_450_m_can_be_reached_and_a_nearer_one_on_a_slower_road() -> 
 
 
 def test_settings_with_which_the_ego_cannot_reach_the_exit_are_refused() -> None:
-    lazy = Config().updated("simulation", scenario="exit")
+    lazy = Config().with_traffic("calm").updated("simulation", scenario="exit")
     lazy = lazy.updated("ego", lane_change_duration_s=12.0)
     with pytest.raises(ScenarioError, match=r"3 lane changes of 12 s at 30 m/s take 1080 m"):
         Fleet(load_scenario(find_scenario("exit")), lazy)
