@@ -134,18 +134,6 @@ def test_an_update_returns_the_loss_and_the_errors_row_by_row():
     assert loss == pytest.approx(np.mean(td_errors**2), rel=1e-5)
 
 
-def test_the_target_network_moves_only_on_sync():
-    ours = learner()
-    rng = np.random.default_rng(0)
-    before = ours.state()
-    ours.update(random_batch(rng))
-    moved = ours.state()
-    assert np.array_equal(moved["target"], before["target"])
-    assert not np.array_equal(moved["online"], before["online"])
-    ours.sync_target()
-    assert np.array_equal(ours.state()["target"], moved["online"])
-
-
 def learn(ours: Learner, rng: np.random.Generator, steps: int) -> None:
     for step in range(steps):
         ours.update(random_batch(rng))
