@@ -133,15 +133,6 @@ def test_a_policy_of_other_shapes_or_none_at_all_is_refused(tmp_path, saved):
         load_policy(path)
 
 
-def test_a_generator_continues_where_it_was(tmp_path):
-    rng = np.random.default_rng(5)
-    rng.integers(10, size=3, dtype=np.uint32)
-    save(tmp_path / "c", {}, {"rng": dict(rng.bit_generator.state)})
-    twin = np.random.default_rng(6)
-    twin.bit_generator.state = load(tmp_path / "c")[1]["rng"]
-    assert np.array_equal(twin.integers(1000, size=50), rng.integers(1000, size=50))
-
-
 @pytest.mark.parametrize("number", [np.nan, np.inf, -1e30])
 def test_weights_with_which_the_values_of_actions_overflow_are_refused(tmp_path, number):
     network = QNetwork(np.random.default_rng(0))
