@@ -47,28 +47,17 @@ def test_a_vehicle_changes_lanes_at_the_first_decision_at_or_after_each_set_time
     assert [shot.y_m[1] for shot in shots] == pytest.approx([7.6] * 21)  # the other one stays
 
 
-def test_each_episode_has_the_changes_again(tmp_path: Path) -> None:
-    write_scenario(tmp_path / "road", ROAD)
-    with closing(
-        Simulation(load_scenario(tmp_path / "road"), Config().with_traffic("calm"))
-    ) as simulation:
-        for _ in range(2):
-            simulation.reset(seed=0, vehicles=2)
-            for _ in range(3):
-                shot, _ = simulation.advance([Command(20.0, 3.8, 0.0)] * 2)
-            assert shot.y_m[2] == pytest.approx(7.6 - 0.76)
-
-
-def test_a_change_is_due_once_from_its_time_on(tmp_path: Path) -> None:
+def test_a_change_is_due_once_from_its_time_on_in_each_episode(tmp_path: Path) -> None:
     write_scenario(tmp_path / "road", ROAD)
     config = Config().with_traffic("calm").updated("traffic", random_lane_changes_per_s=0.0)
     fleet = Fleet(load_scenario(tmp_path / "road"), config)
-    fleet.draw(seed=0, vehicles=2)
     in_lane_2, in_lane_1 = [3.8, 7.6, 7.6], [3.8, 7.6, 3.8]
-    assert fleet.lane_changes(1.9, in_lane_2) == []
-    assert fleet.lane_changes(2.0, in_lane_2) == [(2, -1)]
-    assert fleet.lane_changes(3.0, in_lane_2) == []
-    assert fleet.lane_changes(60.0, in_lane_1) == [(2, -1)]
+    for _ in range(2):
+        fleet.draw(seed=0, vehicles=2)
+        assert fleet.lane_changes(1.9, in_lane_2) == []
+        assert fleet.lane_changes(2.0, in_lane_2) == [(2, -1)]
+        assert fleet.lane_changes(3.0, in_lane_2) == []
+        assert fleet.lane_changes(60.0, in_lane_1) == [(2, -1)]
 
 
 def test_a_placed_vehicle_leaves_an_open_road_305_m_beyond_its_end(tmp_path: Path) -> None:
