@@ -1,6 +1,5 @@
 """A run's folder: killed, stopped, starved and spoilt, it loses nothing that was saved."""
 
-import errno
 import os
 import shutil
 import signal
@@ -28,8 +27,7 @@ from drl_av.config import load_config
 from drl_av.drivers.policy_file import load, load_policy, save
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import DrlAvError, RunError
-from drl_av.learning import run_folder as module
-from drl_av.learning.algorithm_1 import build_training
+from drl_av.learning.algorithm_1 import EvaluationRow, build_training
 from drl_av.learning.run_folder import Run, open_training, train
 from drl_av.learning.train import tensorboard_writer
 from drl_av.scenarios.folder import write_scenario
@@ -150,10 +148,13 @@ def test_first_ctrl_c_stops_after_the_episode_and_the_second_at_once(
     require_ended_like(left_alone, folder)
 
 
-def test_resuming_a_finished_run_does_nothing(copy: Path) -> None:
+def test_resuming_a_finished_run_does_nothing_also_if_it_repeats_what_it_was_begun_with(
+    settings: str, copy: Path
+) -> None:
     before = {path.name: path.stat().st_mtime_ns for path in copy.iterdir()}
-    assert main(command(copy, "--resume")) == 0
-    assert {path.name: path.stat().st_mtime_ns for path in copy.iterdir()} == before
+    for options in ((), ("--preset", "paper", "--config", settings)):
+        assert main(command(copy, "--resume", *options)) == 0
+        assert {path.name: path.stat().st_mtime_ns for path in copy.iterdir()} == before
 
 
 def test_resuming_a_finished_run_writes_a_policy_that_is_gone_or_damaged(copy: Path) -> None:
@@ -205,16 +206,9 @@ def test_a_folder_that_takes_no_more_keeps_what_was_saved(
     require_ended_like(left_alone, folder)
 
 
-def test_row_that_finds_the_disk_full_is_reported_in_one_sentence(
-    copy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*values: object, **options: object) -> bytes:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(module, "table_bytes", full)
-    run = Run(copy)
+def test_row_that_finds_the_disk_full_is_reported_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"No space left on device.*--resume"):
-        run.append(run.episodes_file, ())  # type: ignore[arg-type]
+        Run(tmp_path).append(Path("/dev/full"), EvaluationRow(*[0] * 9))
 
 
 @pytest.mark.parametrize("spoilt", ["cut short", "flipped", "empty", "a policy"])
@@ -314,12 +308,6 @@ def test_run_that_exists_is_not_trained_otherwise(
     options: list[str], message: str, copy: Path, capsys: Capsys
 ) -> None:
     require_refused(copy, message, capsys, *options)
-
-
-def test_resume_may_repeat_what_the_run_was_begun_with(settings: str, copy: Path) -> None:
-    before = files_of(copy)
-    assert main(command(copy, "--resume", "--preset", "paper", "--config", settings)) == 0
-    assert files_of(copy) == before
 
 
 def test_tensorboard_events_are_written_when_asked_for(settings: str, tmp_path: Path) -> None:
