@@ -29,8 +29,10 @@ from drl_av.scenarios.folder import ScenarioDescription, write_scenario
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run whose driver learned in a mirror."""
-    folder, config = tmp_path_factory.mktemp("run"), Config().updated("learning", mirrored=True)
+    """A run whose driver learned in a mirror, with settings of its own."""
+    folder = tmp_path_factory.mktemp("run")
+    config = Config().with_traffic("calm").updated("traffic", vehicles_max=7)
+    config = config.updated("safety", check="strict").updated("learning", mirrored=True)
     save_policy(folder / "policy.safetensors", QNetwork(np.random.default_rng(0)), config)
     (folder / "config.toml").write_text(annotated_toml(config))
     return folder
@@ -81,7 +83,9 @@ def test_the_file_describes_its_inputs_outputs_indicators_and_actions(exported: 
     assert indicators[4] == {"name": "own_rear_d_x", "meaning": "net gap, bumper to bumper, m"}
     assert indicators[24] == {"name": "ego_v_x", "meaning": "speed of the ego, m/s"}
     assert (actions[0], actions[5], actions[11]) == tuple(str(ACTIONS[n]) for n in (0, 5, 11))
-    assert from_toml(held["config"]) == load_learned(exported.parent)[1]
+    config = load_learned(exported.parent)[1]
+    assert from_toml(held["config"]) == config
+    assert default_config(find_drivers([exported])) == config  # it drives with these settings
 
 
 def test_the_help_of_export_describes_them_too(capsys: Capsys) -> None:
@@ -153,13 +157,3 @@ def test_the_exported_driver_is_refused_where_its_run_is_and_on_other_lanes(
     with pytest.raises(ConfigError, match="scales the lateral position by the lanes of its train"):
         make_drivers(specs, five)
     make_drivers(find_drivers([str(exported.parent)]), five)
-
-
-def test_the_exported_driver_drives_with_the_settings_of_its_training(tmp_path: Path) -> None:
-    settings = {"vehicles_max": 7}
-    config = Config().with_traffic("calm").updated("traffic", **settings)
-    config = config.updated("safety", check="strict")
-    save_policy(tmp_path / "policy.safetensors", QNetwork(np.random.default_rng(0)), config)
-    (tmp_path / "config.toml").write_text(annotated_toml(config))
-    assert main(["export", str(tmp_path), str(tmp_path / "driver.onnx")]) == 0
-    assert default_config(find_drivers([tmp_path / "driver.onnx"])) == config
