@@ -80,15 +80,10 @@ def test_a_follower_as_fast_as_the_ego_never_touches_it() -> None:
 
 @pytest.mark.parametrize("side", [1, -1], ids=["left", "right"])
 @pytest.mark.parametrize("offset_m", [-3.0, 0.0, 3.0])
-def test_ego_moves_into_the_vehicle_at_its_side(side: int, offset_m: float) -> None:
+def test_who_moves_into_the_vehicle_at_its_side_hits_it(side: int, offset_m: float) -> None:
     # 2.1 m between the centres; 0.38 m in the step, and 1.8 m are wide
     shot = snapshot(Car(offset_m, CENTER + 2.1 * side), v_y=0.76 * side)
     assert kind(shot) is CollisionKind.HIT_BESIDE
-
-
-@pytest.mark.parametrize("side", [1, -1], ids=["left", "right"])
-@pytest.mark.parametrize("offset_m", [-3.0, 0.0, 3.0])
-def test_a_vehicle_moves_into_the_ego_that_keeps_its_lane(side: int, offset_m: float) -> None:
     shot = snapshot(Car(offset_m, CENTER + 2.1 * side, lateral_speed_m_s=-0.76 * side))
     assert kind(shot) is CollisionKind.HIT_FROM_BESIDE
 
