@@ -101,23 +101,18 @@ def test_the_ego_is_bound_by_nothing_here() -> None:
     assert moved((behind(100.0), behind(100.0)), ego_m_s=(20.0, 10.0)) == []
 
 
-@pytest.mark.parametrize(
-    ("gap", "bound"),
-    [
+def test_who_begins_to_cut_in_leaves_the_ego_room_to_stop() -> None:
+    for ego_m_s, gap, bound in (
         # the ego at 20 m/s goes on for a second, 20 m, and rolls 45 m braking; the other one at
         # 10 m/s rolls 10 m: 65 - 10 + 0.5
-        (55.51, []),
-        (55.49, [CUT_IN]),
-    ],
-)
-def test_who_begins_to_cut_in_leaves_the_ego_room_to_stop(gap: float, bound: list[str]) -> None:
-    assert names(moved(moves_in(ahead(gap, LEFT, 10.0)))) == bound
-
-
-def test_a_cut_in_before_an_ego_that_accelerates_needs_more_room() -> None:
-    # from 19 to 20 m/s in this step, so 21 and 22 m/s in the next: 10.5 + 11 + 55 - 10 + 0.5
-    for gap, bound in ((67.01, []), (66.99, [CUT_IN])):
-        assert names(moved(moves_in(ahead(gap, LEFT, 10.0)), ego_m_s=(19.0, 20.0))) == bound
+        (20.0, 55.51, []),
+        (20.0, 55.49, [CUT_IN]),
+        # it accelerates from 19 to 20 m/s in this step, so 21 and 22 m/s in the next:
+        # 10.5 + 11 + 55 - 10 + 0.5
+        (19.0, 67.01, []),
+        (19.0, 66.99, [CUT_IN]),
+    ):
+        assert names(moved(moves_in(ahead(gap, LEFT, 10.0)), ego_m_s=(ego_m_s, 20.0))) == bound
 
 
 @pytest.mark.parametrize("offset_m", [-4.9, 0.0, 4.9])
