@@ -265,15 +265,6 @@ def test_moving_average_weighs_rows_by_their_episodes_and_looks_back_only() -> N
     assert moving_average(episodes, values, 10_000) == pytest.approx([4, 6, 4, 1500 / 350])
 
 
-def test_a_curve_under_strict_is_dashed_in_the_colour_of_its_driver() -> None:
-    drives = ("idm", 20.0), ("idm, strict", 19.0), ("mine", 18.0)
-    rows = [episode(driver, 0, speed) for driver, speed in drives]
-    plain, strict, mine = [each.lines[0] for each in speed_figure(rows).axes[0].containers]
-    assert plain.get_color() == strict.get_color() != mine.get_color()
-    styles = [line.get_linestyle() for line in (plain, strict, mine)]
-    assert styles == ["-", "--", "-"]
-
-
 def test_a_driver_has_one_colour_and_no_interval_reaches_below_a_standstill() -> None:
     rows = [
         episode(driver, seed, speed)
@@ -351,13 +342,15 @@ def test_no_two_drivers_of_a_figure_share_a_style_and_a_name_alone_keeps_its_own
 
 
 def test_one_driver_under_two_checks_has_two_lines_and_a_single_number_its_own_tick() -> None:
-    names = ("mine", "mine@paper", "mine@strict", "idm")
+    names = ("mine", "mine@paper", "mine@strict", "idm", "idm, strict")
     rows = [episode(name, 0, 20.0, vehicles=71) for name in names]
     [axes] = speed_figure(rows).axes
-    assert [c.lines[0].get_linestyle() for c in axes.containers] == ["-", "--", ":", "-"]
-    assert [line.get_linestyle() for line in profile_figure(rows).axes[0].lines[:4]] == [
-        *("-", "--", ":", "-")
-    ]
+    curves = [curve.lines[0] for curve in axes.containers]
+    assert [line.get_linestyle() for line in curves] == ["-", "--", ":", "-", "--"]
+    mine, *_, idm, strict = (line.get_color() for line in curves)
+    assert mine != idm == strict
+    profile = profile_figure(rows).axes[0].lines[:4]
+    assert [line.get_linestyle() for line in profile] == ["-", "--", ":", "-"]
     assert (axes.get_xticks().tolist(), axes.get_xlim()) == ([71.0], (70.0, 72.0))
 
 
