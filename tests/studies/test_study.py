@@ -11,6 +11,7 @@ from runs import Capsys, files_of
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers
 from drl_av.errors import ConfigError, DrlAvError
+from drl_av.evaluation import engines
 from drl_av.evaluation.engines import cluster, on_ray
 from drl_av.evaluation.table import read_rows
 from drl_av.scenarios.highways import StraightDescription
@@ -60,9 +61,17 @@ def mine(tmp_path: Path) -> FileStudy:
 
 
 def test_each_variant_drives_its_drivers_in_the_order_that_the_file_gives(
-    mine: FileStudy, short: Options
+    mine: FileStudy, short: Options, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    steps = list(make(mine, short))
+    asked: list[int] = []
+
+    def counting(work, jobs, processes):  # type: ignore[no-untyped-def]
+        asked.append(len(jobs))
+        return engines.ENGINES["here"](work, jobs, processes)
+
+    monkeypatch.setitem(engines.ENGINES, "ray", counting)
+    steps = list(make(mine, short._replace(engine="ray")))
+    assert asked == [12]
     assert [step.done for step in steps] == [*range(1, 13)]
     rows = read_rows(short.out / "mine.csv")
     assert list(rows[0]) == mine.file["columns"]
@@ -74,7 +83,7 @@ def test_each_variant_drives_its_drivers_in_the_order_that_the_file_gives(
         for driver in drivers
     ]
     facts = json.loads((short.out / "mine.json").read_text())
-    assert (facts["engine"], facts["processes"], facts["seeds"]) == ("here", 1, "7 to 8")
+    assert (facts["engine"], facts["processes"], facts["seeds"]) == ("ray", 1, "7 to 8")
     found = {name: own["safety"]["minimum_ttc_s"] for name, own in facts["settings"].items()}
     assert found == {"long": 3.0, "short": 1.5}
     [figure] = draw(mine, short.out)
@@ -257,24 +266,6 @@ def test_another_policy_under_the_name_of_a_training_is_refused(
     table.write_bytes(b"".join(table.read_bytes().splitlines(keepends=True)[:2]))
     with pytest.raises(DrlAvError, match=r"trained\.csv was made with other .*drivers"):
         list(make(trained, short))
-
-
-def test_the_engine_drives_evaluations_too(
-    mine: FileStudy, short: Options, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from drl_av.evaluation import engines
-
-    asked: list[int] = []
-    here = engines.ENGINES["here"]
-
-    def counting(work, jobs, processes):  # type: ignore[no-untyped-def]
-        asked.append(len(jobs))
-        return here(work, jobs, processes)
-
-    monkeypatch.setitem(engines.ENGINES, "ray", counting)
-    list(make(mine, short._replace(engine="ray")))
-    assert asked == [12]
-    assert json.loads((short.out / "mine.json").read_text())["engine"] == "ray"
 
 
 def test_the_command_line_runs_a_file_of_ones_own_in_a_quick_form(
