@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from checks_of_study import with_check
+from packaging.version import Version
 from programs import python
 from shown import ROOT, fenced, read, run, run_commands
 
@@ -257,5 +258,5 @@ def test_the_architecture_page_says_where_things_are() -> None:
 def test_the_newest_release_of_the_changelog_is_the_version() -> None:
     releases = re.findall(r"^## (\S+), ", read("CHANGELOG.md"), re.MULTILINE)
     assert releases[0] == drl_av.__version__
-    assert releases == sorted(releases, reverse=True)
+    assert releases == sorted(releases, key=Version, reverse=True)
     assert f"version: {drl_av.__version__}\n" in read("CITATION.cff")
