@@ -141,7 +141,7 @@ class Surroundings:
     def vehicle_types(self, ego: EgoConfig) -> VehicleTypes:
         """Return the limits of SUMO's vehicle types, and of the vehicle after ``take_control``.
 
-        SUMO tells of their models when they act: else they are taken for those of our scenarios.
+        Of their models SUMO tells only ``tau`` and how often they act: the rest is taken for ours.
         Another vehicle that we drive, whose type SUMO calls TYPE@NAME, has the limits of this one.
         """
         kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self._name
