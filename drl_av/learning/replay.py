@@ -4,9 +4,10 @@ A stored transition has its own discount: 0 for a terminal transition, which has
 and gamma for all others.
 """
 
+from abc import ABC, abstractmethod
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +153,7 @@ def part_of(state: State, prefix: str) -> State:
     return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
 
 
-class Buffer(Protocol):
+class Buffer(ABC):
     """An experience buffer: a ring of terminal transitions, and one of all others.
 
     Both may be the same ring. ``sample`` draws a minibatch, and raises ValueError if the buffer is
@@ -184,8 +185,11 @@ class Buffer(Protocol):
         """Handle a new transition, just stored in the row ``slot``; by default do nothing."""
         return None
 
+    @abstractmethod
     def sample(self, batch_size: int, rng: np.random.Generator) -> Batch: ...
+    @abstractmethod
     def state(self) -> State: ...
+    @abstractmethod
     def restore(self, state: State) -> None: ...
 
     def anneal(self, progress: float) -> None:
