@@ -54,7 +54,7 @@ class Surroundings:
     ``sumo`` is the module libsumo or traci, or a traci connection. A lane goes on in the lane to
     which SUMO connects it, and ends where it does not lead on along the route, or where it gives
     way to another lane that leads to the same one. A lane that is closed to the vehicle's class
-    does not exist. On a ring each vehicle is where it is nearest, ahead or behind.
+    does not exist. On a ring each other vehicle is ahead and behind.
 
     Raises:
         SimulationError: SUMO has no such vehicle on the road, or the lanes of its route differ in
@@ -307,27 +307,27 @@ class Surroundings:
             lane = after[0][1]
 
     def _names(self, here_m: float) -> Iterator[str]:
-        """Yield the vehicles on the strips within the range of the position ``here_m``."""
-        on_lane = self._sumo.lane.getLastStepVehicleIDs
-        at, length = self._sumo.vehicle.getLanePosition, self._sumo.vehicle.getLength
+        """Yield the vehicles on the lanes that are within the range of the position ``here_m``."""
         for lane, own in (*self._strips.items(), *self._beside.items()):
-            for _, begin_m, left_m in own:
-                nearest_m = min(max(here_m, begin_m), begin_m + self._length_m[lane])
-                if abs(nearest_m - here_m) <= self._range_m:
-                    for name in on_lane(lane):
-                        if left_m == math.inf or begin_m + at(name) - length(name) < left_m:
-                            yield name
+            reach_m = self._length_m[lane] + self._range_m
+            if any(-self._range_m <= here_m - one.begin_m <= reach_m for one in own):
+                yield from self._sumo.lane.getLastStepVehicleIDs(lane)
 
     def _states(self, name: str, here_m: float) -> Iterator[tuple[float, ...]]:
-        """Yield a vehicle's columns of the snapshot, at the strip nearest to ``here_m``.
+        """Yield a vehicle's columns of the snapshot: where it is nearest, and elsewhere in range.
 
-        Behind a lane that splits, the vehicle is in each of the lanes to which its own lane leads.
+        It is in each lane to which its own lane leads; on a ring it is ahead and behind.
         """
         lane, at, aside, speed, lateral, length, width = (read(name) for read in self._getters)
         own = self._strips.get(lane) or self._beside[lane]
-        begin_m = min((one.begin_m for one in own), key=lambda from_m: abs(from_m + at - here_m))
-        near = (one.lane for one in own if abs(one.begin_m - begin_m) < LENGTHS_M[1])
-        for index in dict.fromkeys(near):
+        own = sorted(own, key=lambda strip: abs(strip.begin_m + at - here_m))
+        places = dict[tuple[int, float], None]()
+        for index, from_m, left_m in own[: 1 if name == self._name else None]:
+            begin_m = next((m for _, m in places if abs(from_m - m) < LENGTHS_M[1]), from_m)
+            is_near = not places or abs(begin_m + at - here_m) <= self._range_m
+            if is_near and begin_m + at - length < left_m:
+                places[index, begin_m] = None
+        for index, begin_m in places:
             y_m = index * self.lane_width_m + aside
             yield begin_m + at - length / 2, y_m, speed, lateral, length, width
 

@@ -256,20 +256,22 @@ def test_on_a_ring_each_vehicle_is_where_it_is_nearest(tmp_path: Path) -> None:
     assert told > 40
 
 
-def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_may_be_behind(tmp_path: Path) -> None:
+def test_on_a_ring_a_vehicle_on_the_ego_s_own_edge_is_ahead_and_behind(tmp_path: Path) -> None:
     nodes = '<node id="a" x="0" y="0"/><node id="b" x="300" y="0"/>'
     form = '<edge id="{}" from="{}" to="{}" numLanes="1" speed="30" length="{}" shape="{}"/>'
     there = form.format("long", "a", "b", 300, "0,0 300,0")
     back = form.format("short", "b", "a", 60, "300,0 150,90 0,0")
     net = build(tmp_path, there + back, nodes, ["long 0 short 0", "short 0 long 0"])
     laps = f'<route id="laps" edges="{"long short " * 9}"/>'
-    begin(net, car("ego", 0, 10, 0, "laps") + car("rear", 0, 280, 0, "laps"), laps + CAR)
-    seen = attached(Does(), "permit_all")[1].affordances
+    begin(net, car("ego", 0, 10, 0, "laps") + car("other", 0, 200, 0, "laps"), laps + CAR)
+    scene = attached(Does(), "permit_all")[1]
+    assert scene.snapshot.ids == ("ego", "other", "other, 1")
+    seen = scene.affordances
     inside_m = sum(sumo.lane.getLength(n) for n in sumo.lane.getIDList() if n[0] == ":")
-    at_m = {name: sumo.vehicle.getLanePosition(name) for name in ("ego", "rear")}
-    behind_m = 300 - at_m["rear"] + 60 + inside_m + at_m["ego"] - 5
+    at_m = {name: sumo.vehicle.getLanePosition(name) for name in ("ego", "other")}
+    behind_m = 300 - at_m["other"] + 60 + inside_m + at_m["ego"] - 5
     assert seen.own_rear.gap_m == pytest.approx(behind_m, abs=0.5)
-    assert seen.own_front is None
+    assert seen.own_front.gap_m == pytest.approx(at_m["other"] - 5 - at_m["ego"], abs=1e-6)
 
 
 def test_of_two_lanes_that_lead_to_one_the_one_that_gives_way_ends(tmp_path: Path) -> None:
