@@ -108,7 +108,7 @@ def attach(
         )
     if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
         driver = SteadyDriver(driver, check, settings)
-    return AttachedEgo(around, driver, check, settings, connection.simulation.getTime)
+    return AttachedEgo(vehicle, around, driver, check, settings, connection.simulation)
 
 
 def _sight_m(config: Config) -> float:
@@ -183,17 +183,19 @@ class AttachedEgo:
 
     def __init__(
         self,
+        name: str,
         around: Surroundings,
         driver: Driver,
         check: SafetyCheck,
         config: Config,
-        clock: Callable[[], float],
+        simulation: Any,
     ) -> None:
+        self._name, self._simulation = name, simulation
         self._around, self._driver, self._check, self._config = around, driver, check, config
         self._groups = default_groups(config.observation)
         self._commands: list[Command] = []
         self._lane_change: LaneChange | None = None
-        self._planned_m, self._clock, self._last_s = 0.0, clock, math.nan
+        self._planned_m, self._last_s = 0.0, math.nan
         self.scene: Scene | None = None
         """What the driver saw at its last decision; None before the first."""
         driver.start(0)
@@ -202,7 +204,8 @@ class AttachedEgo:
     def step(self) -> dict[str, Any] | None:
         """Carry on after a ``simulationStep``: command the next one, and decide once a second.
 
-        Raises SimulationError unless SUMO has made one step since the last call.
+        Raises SimulationError unless SUMO has made one step since the last call, or if it has
+        teleported the vehicle, which then is on another edge.
 
         Returns:
             The decision, with the keys ``proposed_action``, ``executed_action``, ``rule``,
@@ -211,7 +214,8 @@ class AttachedEgo:
         """
         step_s = self._config.simulation.step_length_s
         try:
-            now_s = self._clock()
+            now_s = self._simulation.getTime()
+            teleported = self._simulation.getStartingTeleportIDList()
         except Exception as error:  # each client of SUMO has its own class
             raise SimulationError(f"SUMO has ended ({error}): attach to one that runs.") from error
         if abs(now_s - self._last_s - step_s) > 1e-6 and not math.isnan(self._last_s):
@@ -220,6 +224,11 @@ class AttachedEgo:
                 f"before: call step once after each simulationStep, {step_s:g} s later."
             )
         self._last_s = now_s
+        if self._name in teleported:
+            raise SimulationError(
+                f"SUMO has teleported the vehicle {self._name!r}, which had waited for too long: "
+                "start SUMO with --time-to-teleport -1."
+            )
         if not self._around.is_on_the_road:
             return None
         decision = None if self._commands else self._decide()

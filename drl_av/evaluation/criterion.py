@@ -102,7 +102,7 @@ def judge(rows: Iterable[EpisodeResult]) -> list[CriterionResult]:
     best = fastest(rows, rules)
     if best is None:
         return []
-    safest = min(rules, key=lambda name: sum(row.ego_hit for row in drives[name]))
+    safest = min(rules, key=lambda name: _mean(drives[name], lambda row: row.ego_hit))
     return [_judgement(name, best, safest, drives) for name in drives if name not in rules]
 
 

@@ -339,13 +339,14 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
         ConfigError: the available memory is too small for the full buffer, or learning would never
             start.
     """
-    most = config.collision_capacity
-    if config.replay == "two-buffer" and config.collisions_to_start > most:
+    is_one = config.replay != "two-buffer"
+    most = config.collision_capacity + is_one * config.safe_capacity
+    if config.collisions_to_start > most:
         raise ConfigError(
-            f"learning.collisions_to_start is {config.collisions_to_start}, but the collision "
-            f"buffer holds {most}, so nothing would be learned: set it to {most} or less."
+            f"learning.collisions_to_start is {config.collisions_to_start}, but the buffer of "
+            f"collisions holds {most}, so nothing would be learned: set it to {most} or less."
         )
-    if config.replay != "two-buffer" and config.discount == 0:
+    if is_one and config.discount == 0:
         raise ConfigError(
             "With learning.discount = 0 each transition would count as a collision in one buffer: "
             "set it above 0, or learning.replay to two-buffer."

@@ -151,6 +151,15 @@ def test_a_step_that_is_not_called_after_each_step_of_sumo_is_refused(
         ego.step()
 
 
+def test_an_ego_that_sumo_teleports_is_an_error(net: Path) -> None:
+    jam = CAR.replace('"car"', '"jam"').replace('maxSpeed="30"', 'maxSpeed="0.01"')
+    there = car("ego", 2, 100, 0) + car("jam", 2, 130, 0).replace('"car"', '"jam"')
+    begin(net, there, CAR + jam, *USUAL.split(), "--time-to-teleport", "4")
+    ego = drl_av.attach(sumo, "ego", Does(), "paper")
+    with pytest.raises(SimulationError, match="teleported the vehicle 'ego'.*teleport -1"):
+        drive(ego, 30)
+
+
 def test_a_lane_change_takes_five_seconds_and_ends_on_the_centre(net: Path) -> None:
     slow = 'maxSpeed="20" actionStepLength="1" minGap="1" lcMaxSpeedLatStanding="0.1"'
     slow += ' lcMaxSpeedLatFactor="0"'
