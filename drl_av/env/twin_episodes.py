@@ -171,29 +171,16 @@ def decide_all(
 ) -> None:
     """Execute the proposed actions, shape (worlds,), in the worlds ``rows``."""
     scratch = scratch_of(task.traffic, worlds.x.shape[2])
-    decide_rows(worlds, episodes, task, rows, actions, scratch)
-
-
-@borrowing
-def decide_rows(
-    worlds: Worlds,
-    episodes: Episodes,
-    task: Task,
-    rows: IntArray,
-    actions: IntArray,
-    scratch: Scratch,
-) -> None:
-    """Do what ``decide_all`` does."""
     for w in rows:
-        world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
-        decide(world, episodes, task, w, actions[w], scratch)
+        decide(worlds, episodes, task, w, actions[w], scratch)
 
 
 @borrowing
 def decide(
-    world: World, episodes: Episodes, task: Task, w: int, action: int, scratch: Scratch
+    worlds: Worlds, episodes: Episodes, task: Task, w: int, action: int, scratch: Scratch
 ) -> None:
     """Execute one decision in the world ``w``; its results are in ``episodes``."""
+    world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
     net, scene, plan, lanes = task.net, episodes.scene[w], episodes.plan[w], episodes.lanes[w]
     seen, going = (episodes.values[w], episodes.codes[w]), episodes.executed[w, action]
     begun = lanes[0], lanes[1], episodes.heading_rad[w]
