@@ -178,7 +178,7 @@ def time_lost(trips: Sequence[Trip], empty_s: float | None) -> str:
     ends_s = [trip.end_s for trip in trips if trip.success and trip.end_s is not None]
     if empty_s is None or not ends_s:
         return "time lost unknown"
-    return f"time lost {fmean(ends_s) - empty_s:.1f} s"
+    return f"time lost {fmean(ends_s) - empty_s:z.1f} s"
 
 
 def line(kind: str, name: str, flow: float, trips: Sequence[Trip], empty_s: float | None) -> str:

@@ -51,6 +51,7 @@ def test_no_time_is_lost_that_nothing_compares_with() -> None:
     driven = [Trip(success=True, end_s=30.0)]
     assert time_lost(driven, None) == time_lost([Trip(end_s=30.0)], 30.0) == "time lost unknown"
     assert time_lost(driven, 32.0) == "time lost -2.0 s"
+    assert time_lost(driven, 30.04) == "time lost 0.0 s"
 
 
 @pytest.fixture(scope="module")
