@@ -36,7 +36,7 @@ docs: setup
 SMALL := -o ppo.decisions=256 -o ppo.batch_size=256 -o ppo.minibatch_size=256 -o ppo.worlds=8
 test: setup
 	$(BIN)/drl-av train --preset large $(SMALL) --out $$(mktemp -d)/driver > /dev/null & $(MAKE) lint && wait
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # RLlib, which pins another gymnasium, in a virtual environment of its own (minutes).
 RLLIB ?= $(HOME)/.cache/drl-av/rllib
