@@ -72,6 +72,9 @@ from drl_av.twin.worlds import (
     strip_of,
 )
 
+LENGTHS_SEEN = 5.0
+"""A driver of SUMO looks at more edges than the next until they have this many of its lengths."""
+
 
 @borrowing
 def sumo_step(
@@ -104,11 +107,11 @@ def see_ahead(world: World, net: Net, k: int) -> None:
     edge = world.z[EDGE, i]
     rest_m = net.edges_m[EDGE_LENGTH, edge] - (x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge])
     far_m = top * STEP_S + brake_gap(top, BRAKING_M_S2, headway_s)
-    edge = next_edge(edge, net)
-    seen_m = rest_m + (net.edges_m[EDGE_LENGTH, edge] if edge >= 0 else 0.0)
-    while seen_m <= far_m and edge >= 0:
+    edge, seen_m, beyond_m = next_edge(edge, net), rest_m, 0.0
+    while edge >= 0 and (seen_m <= far_m or beyond_m <= LENGTHS_SEEN * x[LENGTH_M, i]):
+        seen_m += net.edges_m[EDGE_LENGTH, edge]
+        beyond_m += net.edges_m[EDGE_LENGTH, edge]
         edge = next_edge(edge, net)
-        seen_m += net.edges_m[EDGE_LENGTH, edge] if edge >= 0 else 0.0
     x[GAP_M, i], x[NEXT_M_S, i] = math.inf, math.inf
     see_in_lane(world, net, k, world.z[LANE, i], rest_m, seen_m, True)
     if world.z[SHADOW, i] >= 0:

@@ -1,13 +1,16 @@
 """The twin drives the episodes of SUMO: the same traffic, indicators, masks, rewards and ends."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from drl_av.config import Config
+from drl_av.config.presets import as_config
 from drl_av.driving.affordances import INDICATORS
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 
+TRUCKS = {"kind": "calm", "truck_share": 0.5, "truck_length_m": 25.0, "truck_width_m": 1.8}
 # 1001 and 1003 among 20: requested lane changes, drivers that make room, others that move right
 # because they may not pass on the right, and bodies that rest between two lanes
 
@@ -24,12 +27,18 @@ from drl_av.env.vector import TwinVectorEnv
         ("naturalistic", "circular_three_lane", "paper", 20, 930_000, 200),
         ("paper", "circular_three_lane", "paper", 20, 930_002, 200),
         ("hazards", "circular_three_lane", "paper", 20, 930_006, 200),
+        (TRUCKS, "circular_three_lane", "permit_all", 15, 1_000_001, 60),
     ],
 )
 def test_an_episode_is_the_same_as_in_sumo(
-    traffic: str, scenario: str, check: str, vehicles: int, seed: int, decisions: int
+    traffic: str | dict[str, Any],
+    scenario: str,
+    check: str,
+    vehicles: int,
+    seed: int,
+    decisions: int,
 ) -> None:
-    config = Config().with_traffic(traffic)
+    config = as_config({"traffic": {"kind": traffic} if isinstance(traffic, str) else traffic})
     with HighwayEnv(scenario, check, config, action_mask=True) as sumo:
         twin = TwinVectorEnv(1, scenario, check, config)
         start = {"seed": seed, "options": {"vehicles": vehicles}}
