@@ -7,7 +7,14 @@ import numpy as np
 from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import CONGESTED_M_S, HELP_M_S, advise, its_follow_speed
 from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed, secure_gap
-from drl_av.twin.lateral_room import LEADER, TINY_M, center_m, overlaps
+from drl_av.twin.lateral_room import (
+    LATERAL_GAP_M,
+    LEADER,
+    STRIDE_M,
+    TINY_M,
+    center_m,
+    overlaps,
+)
 from drl_av.twin.neighbors import leader, reach_m
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
@@ -231,7 +238,9 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
             if j < 0:
                 return True
             needed_m = secure_gap(speed, x[SPEED_M_S, j], x[HEADWAY_S, i], False)
-            return bool(rear_m - MIN_GAP_M >= needed_m)  # else it is blocked, and asks no driver
+            # else it is blocked and asks no driver, but a wide vehicle moves aside as far as it may
+            is_wide = 0.5 * (net.lane_m - x[WIDTH_M, i]) < LATERAL_GAP_M + STRIDE_M
+            return bool(rear_m - MIN_GAP_M >= needed_m) or is_wide
     return False
 
 

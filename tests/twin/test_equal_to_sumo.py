@@ -11,6 +11,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.env.vector import TwinVectorEnv
 
 TRUCKS = {"kind": "calm", "truck_share": 0.5, "truck_length_m": 25.0, "truck_width_m": 1.8}
+WIDE = TRUCKS | {"truck_share": 1.0, "truck_length_m": 5.0, "truck_width_m": 2.5}
 # 1001 and 1003 among 20: requested lane changes, drivers that make room, others that move right
 # because they may not pass on the right, and bodies that rest between two lanes
 
@@ -27,7 +28,8 @@ TRUCKS = {"kind": "calm", "truck_share": 0.5, "truck_length_m": 25.0, "truck_wid
         ("naturalistic", "circular_three_lane", "paper", 20, 930_000, 200),
         ("paper", "circular_three_lane", "paper", 20, 930_002, 200),
         ("hazards", "circular_three_lane", "paper", 20, 930_006, 200),
-        (TRUCKS, "circular_three_lane", "permit_all", 15, 1_000_001, 60),
+        (TRUCKS, "circular_three_lane", "permit_all", 15, 1_000_001, 10),
+        (WIDE, "circular_three_lane", "strict", 20, 931_018, 25),
     ],
 )
 def test_an_episode_is_the_same_as_in_sumo(
