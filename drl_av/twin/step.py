@@ -155,6 +155,7 @@ def see_in_lane(
     """
     i = world.z[ORDER, k]
     at_m, served_m, slowest = world.x[FRONT_M, i], 0.0, math.inf
+    nearest_m, first_served_m = math.inf, math.inf
     edge = world.z[EDGE, i]
     m, place, wrapped_m = world.z[AHEAD + lane, k], k, 0.0
     while m >= 0:
@@ -172,22 +173,27 @@ def see_in_lane(
             sees_reserved and world.z[RESERVED, j] == lane and rear_m < rest_m and served_m == 0.0
         ):
             continue
-        if ahead_m <= served_m and served_m > 0.0:
+        if rear_m >= first_served_m and (ahead_m <= served_m or served_m >= seen_m):
             continue
         its = world.x[SPEED_M_S, j]
-        if its < slowest:
-            slowest, gap_m = its, rear_m - MIN_GAP_M
+        if its < slowest or rear_m < nearest_m:
+            slowest, gap_m = min(its, slowest), rear_m - MIN_GAP_M
+            nearest_m = min(nearest_m, rear_m)
             if world.x[GAP_M, i] == math.inf:
                 world.x[GAP_M, i], world.x[ITS_M_S, i] = gap_m, its
             else:
                 behind = its_follow_speed(world, i, gap_m, its)
                 world.x[NEXT_M_S, i] = min(world.x[NEXT_M_S, i], behind)
+        begin_m = ahead_m - (world.x[FRONT_M, j] - net.edges_m[EDGE_BEGIN, world.z[EDGE, j]])
+        if rear_m < begin_m:  # it counts on the edge before, too
+            begin_m -= net.edges_m[EDGE_LENGTH, world.z[EDGE, j] - 1]
+        first_served_m = min(first_served_m, begin_m)
         if served_m == 0.0:
             served_m = rest_m
         while served_m < ahead_m:
             edge = next_edge(edge, net)
             served_m = served_m + net.edges_m[EDGE_LENGTH, edge] if edge >= 0 else math.inf
-        if served_m >= seen_m:
+        if served_m >= seen_m and ahead_m >= first_served_m + LONGEST_M:
             break
 
 
@@ -287,7 +293,7 @@ def leader(world: World, net: Net, k: int) -> tuple[int, float]:
             hides = hides or gap_m <= 0.0
             if hides or overlaps_behind(world, k):
                 continue
-        if found < 0 or is_within:
+        if found < 0 or is_within or edges < found_edge:
             found, found_gap_m, found_edge = j, gap_m, edges
         if is_within:
             break

@@ -8,17 +8,21 @@ import pytest
 from drl_av.config import Config
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
-from drl_av.twin.step import leader, request_speeds
+from drl_av.twin.asking import its_follow_speed
+from drl_av.twin.step import leader, request_speeds, see_ahead
 from drl_av.twin.traffic import net_of, sort_and_activate
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     COUNT,
+    DESIRED_M_S,
     FRONT_M,
     LANE,
     LENGTH_M,
     MASK,
+    NEXT_M_S,
     ORDER,
     REQUESTED_M_S,
+    SHADOW,
     SPEED_M_S,
     WISH_M_S2,
     Net,
@@ -62,6 +66,15 @@ def test_a_vehicle_in_the_lane_hides_those_that_only_overlap_it_on_the_same_edge
 def test_an_overlapping_vehicle_behind_on_the_same_edge_hides_the_one_ahead(net: Net) -> None:
     assert ahead(net, (40.0, 1, BOTH), (140.0, 0, 1), (10.0, 1, BOTH)) == (2, 112.5)
     assert ahead(net, (40.0, 1, BOTH), (140.0, 0, 1), (490.0, 1, BOTH)) == (1, 12.5)
+
+
+def test_a_long_vehicle_counts_on_the_edge_of_its_rear_behind_a_short_one(net: Net) -> None:
+    world = placed(net, (20.0, 0, 1), (131.0, 1, BOTH), (140.0, 0, 1))
+    world.x[LENGTH_M, 2], world.x[DESIRED_M_S], world.x[SPEED_M_S, 0] = 16.0, 30.0, 20.0
+    world.x[ACCELERATION_M_S2], world.z[SHADOW] = 1.5, -1
+    assert leader(world, net, 2) == (2, 101.5)  # its rear is at 124 m
+    see_ahead(world, net, 2)
+    assert world.x[NEXT_M_S, 0] == its_follow_speed(world, 0, 101.5, 0.0)
 
 
 def test_sumo_looks_at_whole_edges_up_to_200_m(net: Net) -> None:
