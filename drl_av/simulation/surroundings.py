@@ -124,8 +124,6 @@ class Surroundings:
         vehicle, name = self._sumo.vehicle, self._name
         take_control(vehicle, name)
         vehicle.setActionStepLength(name, self._sumo.simulation.getDeltaT())
-        for limit in ("lcAccelLat", "lcMaxSpeedLatStanding"):
-            vehicle.setParameter(name, f"laneChangeModel.{limit}", "1000")
         vehicle.setAccel(name, ego.accelerate_m_s2)
         vehicle.setDecel(name, ego.hard_brake_m_s2)
         vehicle.setEmergencyDecel(name, ego.hard_brake_m_s2)

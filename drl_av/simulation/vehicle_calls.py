@@ -73,6 +73,8 @@ def take_control(vehicle: Any, name: str) -> None:
     vehicle.setSpeedMode(name, ALL_SPEED_CHECKS_OFF)
     vehicle.setLaneChangeMode(name, NO_AUTONOMOUS_LANE_CHANGES)
     vehicle.setMaxSpeedLat(name, 10.0)
+    for limit in ("lcAccelLat", "lcMaxSpeedLatStanding"):
+        vehicle.setParameter(name, f"laneChangeModel.{limit}", "1000")
 
 
 def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float) -> None:

@@ -32,6 +32,15 @@ def test_a_lane_change_moves_0_76_m_in_each_second_and_ends_exactly_on_the_centr
             assert y_m(made) == pytest.approx((origin + sign) * LANE_M, abs=1e-12)
 
 
+def test_a_slow_ego_changes_lanes_within_a_second_if_that_is_set() -> None:
+    limits = {"lane_change_duration_s": 1.0, "max_speed_m_s": 1.0}
+    with HighwayEnv(config=Config().updated("ego", **limits)) as made:
+        start(made, 0)
+        lane = made.scene.affordances.lane
+        made.step(LEFT if lane < 2 else RIGHT)
+        assert y_m(made) == pytest.approx((lane + 1 if lane < 2 else 1) * LANE_M, abs=1e-9)
+
+
 @pytest.mark.parametrize("away", [1, 2, 3, 4])
 def test_a_lane_change_can_be_aborted_in_each_second(env: HighwayEnv, away: int) -> None:
     start(env, 0)
