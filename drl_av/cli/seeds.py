@@ -4,6 +4,7 @@ import argparse
 import glob
 import re
 import shlex
+import shutil
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -72,11 +73,17 @@ class SeedJob(NamedTuple):
 def train_seed(job: SeedJob) -> None:
     """Start or continue one training, up to its end; do nothing if it is complete.
 
+    A training at scale whose process was killed, which an engine starts again, begins anew.
+
     Raises:
         RunError: the folder is not new and not a run, or another process trains in it.
     """
+    from drl_av.files.atomic import locked
     from drl_av.learning.train import train_to_end
 
+    if job.is_stopped:
+        with locked(job.folder):
+            shutil.rmtree(job.folder)
     begun = (job.folder / "config.toml").exists()
     if not (begun and job.is_at_scale):
         train_to_end(job.folder, job.config, job.custom, resume=begun, tensorboard=job.tensorboard)

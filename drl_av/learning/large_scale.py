@@ -85,9 +85,9 @@ def train_at_scale(folder: Path, config: Config) -> Generator[Progress, None, No
                 learner.learn(settings.batch_size, reset_num_timesteps=False)
                 mean_reward = (worlds.paid - paid) / settings.batch_size
                 progress = Progress(learner.num_timesteps, mean_reward, worlds.collisions)
-                append_rows(table, Progress, [progress])
                 if update * SAVES % updates < SAVES:
                     save_actor(policy, learner, config)
+                append_rows(table, Progress, [progress])  # the last row says that all is saved
                 yield progress
         finally:
             save_actor(policy, learner, config)

@@ -5,17 +5,19 @@ import warnings
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
 import onnxruntime
 import pytest
 import torch
-from runs import Capsys
+from runs import Capsys, files_of
 from worlds import LEFT, ahead, behind, scene
 
 import drl_av
 from drl_av.cli import main
+from drl_av.cli.seeds import SeedJob, train_seed
 from drl_av.config import Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.driver import Driver
@@ -26,9 +28,12 @@ from drl_av.drivers.registry import load_driver
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
 from drl_av.driving.wide_observation import WIDE_SIZE
+from drl_av.env.custom import NOTHING_CUSTOM
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.errors import CheckpointError, ConfigError, RunError
+from drl_av.files.table import append_rows
+from drl_av.learning import large_scale
 from drl_av.learning.large_scale import learner_of, save_actor, train_at_scale
 from drl_av.learning.twin_worlds import TwinWorlds
 from drl_av.safety.check import Rule, SafetyCheck, Verdict, permit_all
@@ -119,7 +124,14 @@ def test_a_policy_file_decides_as_the_network_that_learned(tmp_path: Path) -> No
         assert forward(layers, seen)[1] == pytest.approx(logits, abs=1e-6)
 
 
-def test_a_training_that_is_stopped_leaves_what_it_has_learned(run: Path, tmp_path: Path) -> None:
+def test_a_training_that_is_stopped_leaves_what_it_has_learned(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def append(table: Path, *rows: Any) -> None:
+        assert table.with_name("policy.safetensors").exists()  # what the row says is saved
+        append_rows(table, *rows)
+
+    monkeypatch.setattr(large_scale, "append_rows", append)
     with closing(train_at_scale(tmp_path / "short", SMALL)) as training:
         next(training)  # one of four updates, before the first regular save of a longer one
         with pytest.raises(RunError, match="exists already: choose another folder"):
@@ -128,6 +140,9 @@ def test_a_training_that_is_stopped_leaves_what_it_has_learned(run: Path, tmp_pa
     weights, _ = load_actor(tmp_path / "short" / "policy.safetensors")
     ends, _ = load_actor(run / "policy.safetensors")
     assert not np.array_equal(weights[0][0], ends[0][0])
+    # where its process was killed, train --seeds begins it anew
+    train_seed(SeedJob(tmp_path / "short", SMALL, NOTHING_CUSTOM, False))
+    assert files_of(tmp_path / "short") == files_of(run)
 
 
 def test_the_reward_in_the_table_is_what_the_worlds_paid(tmp_path: Path) -> None:
