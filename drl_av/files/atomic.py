@@ -72,8 +72,9 @@ def append_lines(path: Path, lines: bytes, header: bytes) -> None:
     file may contain only the first part of ``lines``.
 
     Raises:
-        DrlAvError: the disk is full, or the file or its folder is not writable.
+        DrlAvError: the disk is full, or the file or its folder is not writable; no line is added.
     """
+    end = None
     try:
         with path.open("ab+") as file:
             if end := file.seek(0, os.SEEK_END):
@@ -83,6 +84,9 @@ def append_lines(path: Path, lines: bytes, header: bytes) -> None:
                     end = file.truncate(file.read().rfind(b"\n") + 1)
             file.write(lines if end else header + lines)
     except OSError as refusal:
+        if end is not None:
+            with suppress(OSError):
+                os.truncate(path, end)
         raise _refused(path, refusal, DrlAvError) from refusal
 
 

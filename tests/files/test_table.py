@@ -2,6 +2,7 @@
 
 import math
 import re
+import resource
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -185,6 +186,12 @@ def test_appended_rows_follow_those_that_are_there(tmp_path: Path) -> None:
         assert path.read_bytes() == table_bytes(Drive, [SECOND])
     with pytest.raises(DrlAvError, match="gone/x cannot be written"):
         append_rows(tmp_path / "gone" / "x", Drive, [FIRST])
+    held, (soft, hard) = path.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(held) + len(LINE) + 9, hard))
+    with pytest.raises(DrlAvError, match="what was there before is unchanged"):
+        append_rows(path, Drive, 3 * [FIRST])  # for two of which there is no room
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == held
 
 
 def test_a_formula_in_a_text_is_written_harmlessly_and_read_back(tmp_path: Path) -> None:
