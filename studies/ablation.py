@@ -6,6 +6,7 @@ in the same traffic.
 """
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -28,6 +29,8 @@ from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.errors import DrlAvError
+from drl_av.evaluation.engines import end_with
+from drl_av.files.atomic import replacing
 from drl_av.files.table import append_rows, column_types, read_table
 from drl_av.learning.large_scale import learner_of, save_actor
 from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
@@ -39,7 +42,6 @@ DECISIONS = 4_000_000
 COUNTS = 5, 10, 15, 20, 25
 FIRST_SEED, EPISODES = 870_000, 100
 RULE = "gap-mobil"
-NOTHING = np.zeros(0, np.float32)
 
 
 class IndicatorWorlds(TwinWorlds):
@@ -181,7 +183,7 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
     config = PRESETS["large"].updated("traffic", presets=(kind,))
     worlds = base(config.updated("ppo", worlds=EPISODES * len(base.kinds(config))), 0)
     part, everywhere = worlds.parts[0], np.arange(EPISODES)
-    layers, rule = [], rule_driver(RULE, config.with_traffic(kind))
+    layers, rule, none = [], rule_driver(RULE, config.with_traffic(kind)), np.zeros(0, np.float32)
     if kept is not None:
         found = safetensors.numpy.load_file(kept)
         layers = [
@@ -197,7 +199,7 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
             worlds.look(part, everywhere)
             if kept is None:
                 scenes = map(part.env.scene, range(EPISODES))
-                action = np.array([rule.act(scene, NOTHING).number for scene in scenes])
+                action = np.array([rule.act(scene, none).number for scene in scenes])
             else:
                 logits = forward(layers, worlds.observation[part.rows])[1]
                 action = np.where(worlds.permitted[part.rows], logits, -np.inf).argmax(axis=1)
@@ -230,7 +232,8 @@ def gain(runs: Path, kind: str, policy: Path, base: type[TwinWorlds]) -> tuple[f
 def drive_rule(runs: Path, kind: str) -> None:
     """Drive the rule in the traffic of all policies, once."""
     if not _rule_file(runs, kind).exists():
-        np.save(_rule_file(runs, kind), speeds(kind, None, TwinWorlds)[0])
+        with replacing(_rule_file(runs, kind)) as unfinished:
+            np.save(unfinished, speeds(kind, None, TwinWorlds)[0])
 
 
 def _policy_file(runs: Path, job: tuple[str, int]) -> Path:
@@ -281,8 +284,8 @@ def complete(
     known = [[*each.values()] for each in read_table(given.out, column_types(row), growing=True)]
     missing = [job for job in jobs if [*job] not in [each[: len(job)] for each in known]]
     if missing:
-        single_threaded = partial(threadpool_limits, 1, "blas")
-        with ProcessPoolExecutor(given.jobs, initializer=single_threaded) as pool:
+        begin = partial(threadpool_limits, 1, "blas"), partial(end_with, os.getpid())
+        with ProcessPoolExecutor(given.jobs, initializer=lambda: [do() for do in begin]) as pool:
             list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
             list(pool.map(partial(train, given.runs), missing))
             for found in pool.map(partial(measure, given.runs), missing):
@@ -295,11 +298,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = command_line("ablation", __doc__)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
     given = parser.parse_args(words)
-    jobs = [
-        (name, seed)
-        for name in given.variants
-        for seed in given.seeds or range(VARIANTS[name].trainings)
-    ]
+    jobs = [(v, s) for v in given.variants for s in given.seeds or range(VARIANTS[v].trainings)]
     rows = complete(given, Row, jobs, train, measure)
     print(f"gain over gap-mobil under strict, m/s, in the twin, after {DECISIONS:,} decisions")
     print(table(rows))

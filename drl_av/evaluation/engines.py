@@ -205,7 +205,7 @@ def workers(processes: int) -> Iterator[Submit]:
     ``with`` block ends or this process is killed.
     """
     pool = ProcessPoolExecutor(
-        processes, env=SINGLE_THREADED, initializer=_end_with, initargs=(os.getpid(),)
+        processes, env=SINGLE_THREADED, initializer=end_with, initargs=(os.getpid(),)
     )
 
     def submit(function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
@@ -231,7 +231,9 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, former)
 
 
-def _end_with(parent: int) -> None:
+def end_with(parent: int) -> None:
+    """Let this process end when ``parent``, the id of the process that started it, has ended."""
+
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(LOOKS_FOR_PARENT_EVERY_S)

@@ -63,14 +63,26 @@ def test_processes_end_with_the_engine(tmp_path: Path) -> None:
     _await_end(int(file.name) for file in tmp_path.iterdir())
 
 
-def test_processes_end_with_who_asked_though_that_was_killed(tmp_path: Path) -> None:
+ENGINE = "list(engines.on_this_machine(endless, [folder], 1))"
+ABLATION = """
+from studies import ablation
+ablation.drive_rule, given = endless, Namespace(runs=Path(folder), out=Path("none.csv"), jobs=1)
+ablation.complete(given, ablation.Row, [("large", 0)], None, None)
+"""
+
+
+@pytest.mark.parametrize("asks", [ENGINE, ABLATION])
+def test_processes_end_with_who_asked_though_that_was_killed(tmp_path: Path, asks: str) -> None:
     program = f"""
-from drl_av.evaluation.engines import on_this_machine
-def endless(folder):
+from argparse import Namespace
+from pathlib import Path
+from drl_av.evaluation import engines
+def endless(folder, *rest):
     import os, pathlib, time
     (pathlib.Path(folder) / str(os.getpid())).touch()
     time.sleep(600)
-list(on_this_machine(endless, [{str(tmp_path)!r}], 1))
+folder = {str(tmp_path)!r}
+{asks}
 """
     asker = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL)
     while not list(tmp_path.iterdir()):
