@@ -265,12 +265,12 @@ def hold(table: Path) -> None:
     if path in _held:
         return
     name = hashlib.sha256(os.fsencode(path)).hexdigest()[:16]
-    file = Path(gettempdir(), f"drl-av-{os.getuid()}-{name}.lock")
     busy = DrlAvError(
         f"Another process is writing to {table}: wait for it, stop it first, or choose another "
         "--out."
     )
     with suppress(OSError):
+        file = Path(gettempdir(), f"drl-av-{os.getuid()}-{name}.lock")
         _held[path] = _locked(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, busy)
         atexit.register(file.unlink, missing_ok=True)
 
