@@ -144,6 +144,8 @@ def require_plain_numbers() -> None:
 def missing_library(what: str, message: str) -> str:
     """Return an error message that names the missing shared library and how to install it.
 
+    A library for which the memory does not suffice is not missing.
+
     ``what`` is the program or module that needs it; ``message`` is the error of the loader.
     """
     found = re.search(r"lib[\w.+-]+?\.so[.\d]*", message)
@@ -152,6 +154,11 @@ def missing_library(what: str, message: str) -> str:
         return (
             f"{what} cannot be imported ({words}): run pip install 'libsumo=={SERIES}.*' "
             f"'traci=={SERIES}.*' 'sumolib=={SERIES}.*'."
+        )
+    if "failed to map segment" in message or "annot allocate memory" in message:
+        return (
+            f"There is not enough memory to load {what} ({' '.join(message.split())}): allow this "
+            "process more, such as by ulimit -v."
         )
     library = found.group() if found else "named here: " + " ".join(message.split())
     return (

@@ -272,6 +272,11 @@ def fake_netconvert(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) 
             SimulationError,
             "needs the system library libX11.so.6, which this machine lacks: install it",
         ),
+        (
+            "echo 'libgdal.so.26: failed to map segment from shared object' >&2; exit 127",
+            SimulationError,
+            "not enough memory to load SUMO's netconvert (libgdal.so.26: failed to map segment",
+        ),
         ("echo Error: bad edge >&2; exit 1", ScenarioError, "cannot build this road: Error: bad"),
         ("exit 3", ScenarioError, "cannot build this road: exit status 3"),
     ],
