@@ -121,7 +121,7 @@ def _train_at_scale(options: argparse.Namespace, config: Config) -> int:
                 progress.decisions - done,
             )
             done = progress.decisions
-            if stop.made:
+            if stop.made and done < updates * config.ppo.batch_size:
                 print("drl-av: stopped; what was learned so far is in the folder.", file=sys.stderr)
                 return INTERRUPTED
     print(f"{options.out}: {pluralize(done, 'decision')}; compare it with the best rule:")

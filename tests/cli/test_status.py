@@ -3,13 +3,19 @@
 import os
 import signal
 import sys
+from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pytest
 from runs import Capsys
 
+from drl_av.cli import main
 from drl_av.cli.console import exit_status, stop_request
+from drl_av.config.presets import PRESETS
+from drl_av.learning.large_scale import Progress
+
+PPO = PRESETS["large"].ppo
 
 
 class Callback:
@@ -41,6 +47,21 @@ def test_a_stop_is_one_though_nobody_reads_that_it_is_and_a_thread_has_none() ->
     assert stop.made
     with ThreadPoolExecutor() as pool, stop_request():
         assert not pool.submit(lambda: stop_request().__enter__().made).result()
+
+
+@pytest.mark.parametrize(("updates", "status"), [(1, 130), (2, 0)])
+def test_a_training_at_scale_that_is_stopped_after_its_last_update_is_complete(
+    updates: int, status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object) -> Generator[Progress, None, None]:
+        for update in range(updates):
+            if update == updates - 1:
+                signal.raise_signal(signal.SIGTERM)
+            yield Progress(PPO.batch_size * (update + 1), 0.0, 0)
+
+    monkeypatch.setattr("drl_av.learning.large_scale.train_at_scale", stopped)
+    size = f"ppo.decisions={2 * PPO.batch_size}"
+    assert main(["train", "--preset", "large", "-o", size, "--out", "run"]) == status
 
 
 def test_what_is_closed_is_the_null_device(monkeypatch: pytest.MonkeyPatch) -> None:
