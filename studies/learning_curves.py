@@ -365,8 +365,8 @@ def collisions_table(folder: Path) -> str:
         mean = 100 * exploring.values[:, at <= EXPLORED].mean()
         last = np.where(greedy.values > 0, at, 0).max(axis=1)
         free = f"{np.sum(last <= LEARNED)} of {len(last)}"
-        shown = f"{mean:.1f}", f"{early.min():.0f} to {early.max():.0f}", free, str(last.max())
-        lines.append([f"`{variant}`", *shown])
+        between = f"{early.min():.0f} to {early.max():.0f}" if early.size else "-"
+        lines.append([f"`{variant}`", f"{mean:.1f}", between, free, str(last.max())])
     heads = f"exploring, to {EXPLORED}, %", f"greedy, {EARLY[0]} to {EARLY[1]}, %"
     return markdown_table(["training", *heads, f"none after {LEARNED}", "none at all after"], lines)
 

@@ -261,6 +261,8 @@ def test_when_trainings_collide_while_exploring_early_and_for_the_last_time(tmp_
     # (1.9 + 4 * 2 + 1.5) / 12; (2 + 0) / 20 to (4 + 6) / 20; seed 0 ends at 1,000, seed 1 at 9,000
     found = "95.0 | 10 to 50 | 1 of 2 | 9000"
     assert lines == [f"| `{variant}` | {found} |" for variant in learning_curves.WORLDS]
+    write_table(tmp_path / "curves.csv", rows[0], [r for r in rows if r["episode"] == "200"])
+    assert CURVES.tables["learning_collisions"](tmp_path).count("| - | 2 of 2 | 200 |") == 4
 
 
 def test_what_trainings_cost_is_the_time_of_all_seeds_of_a_variant(tmp_path: Path) -> None:
