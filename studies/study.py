@@ -217,7 +217,7 @@ class FileStudy:
     ) -> Iterator[EpisodeCell]:
         rows, template = self.file["rows"], self.file.get("settings_named", "")
         metrics = METRICS[self.file.get("metrics", "episode")]
-        columns = tuple(self.file.get("columns", ["*"]))
+        columns, first = tuple(self.file.get("columns", ["*"])), rows["seeds"].get("first", 0)
         groups: list[tuple[Variant, tuple[str, ...], Trained | None]] = [
             (variant, variant.drivers, None) for variant in self.variants if variant.drivers
         ]
@@ -241,9 +241,9 @@ class FileStudy:
                     )
                 key = {} if kind is None else {"traffic": kind}
                 key |= {"variant": variant.name} if variant.name else {}
-                first = rows["seeds"].get("first", 0)
                 seeds = range(first, first + options.episodes(variant.episodes))
-                for number in options.vehicles(variant.vehicles):
+                common = [n for n in variant.vehicles if n in options.vehicles(self.vehicles)]
+                for number in common or options.vehicles(variant.vehicles):
                     where = config, drivers, number, seeds, columns, {**key, **variant.columns}
                     yield EpisodeCell(*where, job, trained_name, metrics)
 

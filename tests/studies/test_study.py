@@ -158,6 +158,9 @@ def test_a_quick_form_replaces_what_a_study_sets() -> None:
     quick = Options(config=(str(QUICK),))
     made = quick.settings(Config(), {"simulation": {"decisions_per_episode": 30}})
     assert made.simulation.decisions_per_episode == 20
+    cells = STUDIES["opponents"].plan(quick._replace(most_vehicles=2)).cells
+    assert {cell.vehicles for cell in cells if "planner" in cell.drivers} == {5, 25}
+    assert {cell.vehicles for cell in cells} == {5, 25}  # in which all drivers are compared
 
 
 def test_settings_of_the_user_reach_all_drivers_of_every_kind_of_traffic() -> None:
