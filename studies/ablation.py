@@ -269,6 +269,12 @@ def command_line(name: str, doc: str | None, seeds: Sequence[int] = ()) -> argpa
     return parser
 
 
+def begin(parent: int) -> None:
+    """Let this process use one thread, and end with ``parent``."""
+    threadpool_limits(1, "blas")
+    end_with(parent)
+
+
 def complete(
     given: argparse.Namespace,
     row: type,
@@ -284,8 +290,7 @@ def complete(
     known = [[*each.values()] for each in read_table(given.out, column_types(row), growing=True)]
     missing = [job for job in jobs if [*job] not in [each[: len(job)] for each in known]]
     if missing:
-        begin = partial(threadpool_limits, 1, "blas"), partial(end_with, os.getpid())
-        with ProcessPoolExecutor(given.jobs, initializer=lambda: [do() for do in begin]) as pool:
+        with ProcessPoolExecutor(given.jobs, None, begin, (os.getpid(),)) as pool:
             list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
             list(pool.map(partial(train, given.runs), missing))
             for found in pool.map(partial(measure, given.runs), missing):

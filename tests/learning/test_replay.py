@@ -76,13 +76,9 @@ def test_a_collision_buffer_that_is_too_small_for_learning_to_start_is_refused()
     small = {"collisions_to_start": 51, "collision_capacity": 50}
     with pytest.raises(ConfigError, match="is 51, but the buffer of collisions holds 50"):
         make_buffer(LearningConfig(**small), 2)
+    one = small | {"replay": "uniform", "safe_capacity": 25, "collision_capacity": 25}
     with pytest.raises(ConfigError, match="is 51, but the buffer of collisions holds 50"):
-        make_buffer(
-            LearningConfig(
-                collisions_to_start=51, replay="uniform", safe_capacity=25, collision_capacity=25
-            ),
-            2,
-        )
+        make_buffer(LearningConfig(**one), 2)
     with pytest.raises(ConfigError, match=r"above 0, or learning\.replay to two-buffer"):
         make_buffer(LearningConfig(**small, replay="uniform", discount=0.0), 2)
     make_buffer(LearningConfig(**small, replay="uniform"), 2)
