@@ -74,9 +74,7 @@ def following(shot: Snapshot, road: Road) -> Following:
     found = (gap_m[rows, leader] <= RANGE_M) & (rows != EGO) & (shot.speed_m_s > 0)
     range_m = np.maximum(gap_m[rows, leader], 0.0)[found]
     return Following(
-        range_m,
-        range_m / shot.speed_m_s[found],
-        (shot.speed_m_s[leader] - shot.speed_m_s)[found],
+        range_m, range_m / shot.speed_m_s[found], (shot.speed_m_s[leader] - shot.speed_m_s)[found]
     )
 
 

@@ -57,11 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "(default: the shipped driver, under strict)",
     )
     parser.add_argument(
-        "--driver",
-        nargs="+",
-        default=[],
-        metavar="NAME",
-        help=f"more drivers: {driver_words()}",
+        "--driver", nargs="+", default=[], metavar="NAME", help=f"more drivers: {driver_words()}"
     )
     parser.add_argument(
         "--vehicles",

@@ -22,12 +22,7 @@ from drl_av.cli.options import (
     with_command_line,
 )
 from drl_av.config.functions import is_factory
-from drl_av.drivers.registry import (
-    DRIVER_FILES,
-    DriverSpec,
-    default_config,
-    find_drivers,
-)
+from drl_av.drivers.registry import DRIVER_FILES, DriverSpec, default_config, find_drivers
 from drl_av.errors import ConfigError, DrlAvError, RecordingError, pluralize
 
 if TYPE_CHECKING:

@@ -9,14 +9,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver, ask
-from drl_av.driving.actions import (
-    ACTIONS,
-    Action,
-    Lateral,
-    Longitudinal,
-    action_of,
-    ego_numbers,
-)
+from drl_av.driving.actions import ACTIONS, Action, Lateral, Longitudinal, action_of, ego_numbers
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.maneuver import plan_with
 from drl_av.driving.scene import LaneChange, Scene, unwritable

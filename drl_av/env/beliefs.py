@@ -10,12 +10,7 @@ from drl_av.drivers.background.traffic import ORDER
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.scenarios.folder import Scenario
-from drl_av.simulation.population import (
-    DriverModel,
-    Population,
-    draw_driver_models,
-    draw_drivers,
-)
+from drl_av.simulation.population import DriverModel, Population, draw_driver_models, draw_drivers
 from drl_av.twin.traffic import GAIN, RIGHT_RELUCTANCE
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,

@@ -12,12 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drl_av.config import Config
-from drl_av.config.functions import (
-    import_function,
-    is_factory,
-    require_function,
-    source_digest,
-)
+from drl_av.config.functions import import_function, is_factory, require_function, source_digest
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
 from drl_av.files.atomic import files_digest

@@ -7,12 +7,7 @@ import numpy.typing as npt
 
 from drl_av.compiled import borrowing, compiled, inlined
 from drl_av.config import Config, RewardConfig, SafetyConfig, StrictConfig
-from drl_av.drivers.background.traffic import (
-    Scratch,
-    TrafficNumbers,
-    scratch_of,
-    traffic_numbers,
-)
+from drl_av.drivers.background.traffic import Scratch, TrafficNumbers, scratch_of, traffic_numbers
 from drl_av.driving.actions import EgoNumbers, ego_numbers
 from drl_av.driving.affordances import CODES, FRONT, VALUES
 from drl_av.driving.maneuver import plan_into

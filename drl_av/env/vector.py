@@ -41,13 +41,7 @@ from drl_av.env.observation import (
 )
 from drl_av.env.transition import RewardFunction, RouteOutcome, custom_reward
 from drl_av.env.twin_episodes import CHECK_NUMBERS, look_all
-from drl_av.env.vector_info import (
-    common_info,
-    marked,
-    step_info,
-    transition_of,
-    with_final,
-)
+from drl_av.env.vector_info import common_info, marked, step_info, transition_of, with_final
 from drl_av.env.wide_view import wide_view
 from drl_av.env.world_arrays import Begun, WorldArrays
 from drl_av.errors import ConfigError

@@ -22,15 +22,7 @@ from drl_av.simulation.population import ARRAYS, Population
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_events, exchange, place_vehicles, sizes_of
-from drl_av.twin.worlds import (
-    COUNT,
-    STEP,
-    FloatArray,
-    IntArray,
-    Net,
-    World,
-    empty_worlds,
-)
+from drl_av.twin.worlds import COUNT, STEP, FloatArray, IntArray, Net, World, empty_worlds
 
 NO_EVENTS = np.empty((0, 3), np.int64)
 

@@ -165,11 +165,7 @@ def _decided(passes: bool, fails: bool) -> str:
 
 
 def _no_more_episodes(
-    name: str,
-    ours: Rows,
-    theirs: Rows,
-    over: str,
-    happens: Callable[[EpisodeResult], bool],
+    name: str, ours: Rows, theirs: Rows, over: str, happens: Callable[[EpisodeResult], bool]
 ) -> Criterion:
     """Return the criterion that something happens in no larger share of our episodes."""
     counts = [(sum(map(happens, rows)), len(rows)) for rows in (ours, theirs)]

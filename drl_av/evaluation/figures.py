@@ -17,13 +17,7 @@ from drl_av.env.reward import gap_reward, lateral_reward, speed_reward
 from drl_av.errors import DrlAvError, pluralize
 from drl_av.evaluation.aggregates import performance_profile
 from drl_av.evaluation.figure_style import legend_of_names, one_panel, panels
-from drl_av.evaluation.statistics import (
-    Mean,
-    PairedGain,
-    grouped,
-    mean_with_interval,
-    scores,
-)
+from drl_av.evaluation.statistics import Mean, PairedGain, grouped, mean_with_interval, scores
 from drl_av.files.table import PlainNumber, read_table
 from drl_av.road.road import FloatArray
 

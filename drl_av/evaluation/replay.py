@@ -35,12 +35,7 @@ from drl_av.evaluation.recording import Follower, RecordedDriver, Recording, rec
 from drl_av.evaluation.table import read_results, report_corrupt_table, stored_config
 from drl_av.road.road import Road
 from drl_av.safety.paper import closing_speed, time_to_collision
-from drl_av.scenarios.folder import (
-    find_scenario,
-    load_scenario,
-    shipped_scenarios,
-    with_scenario,
-)
+from drl_av.scenarios.folder import find_scenario, load_scenario, shipped_scenarios, with_scenario
 from drl_av.simulation.sumo_options import option_words
 
 FCD_OPTIONS = (

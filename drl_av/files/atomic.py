@@ -112,9 +112,7 @@ def refusals(what: str, remedy: str, kind: type[DrlAvError] = DrlAvError) -> Ite
 
 
 def require_writable(
-    *paths: Path | None,
-    inputs: Iterable[str | Path | None] = (),
-    by_sumo: Iterable[str] = (),
+    *paths: Path | None, inputs: Iterable[str | Path | None] = (), by_sumo: Iterable[str] = ()
 ) -> None:
     """Check before a long computation that ``write_atomic`` can write to the given paths.
 

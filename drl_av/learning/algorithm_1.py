@@ -24,14 +24,7 @@ from drl_av.env.transition import Transition
 from drl_av.errors import CheckpointError, ConfigError
 from drl_av.learning.learner import Learner
 from drl_av.learning.prioritized import PrioritizedBuffer
-from drl_av.learning.replay import (
-    Batch,
-    Buffer,
-    TwoBuffers,
-    UniformBuffer,
-    part_of,
-    require_memory,
-)
+from drl_av.learning.replay import Batch, Buffer, TwoBuffers, UniformBuffer, part_of, require_memory
 from drl_av.road.road import Road
 
 EVALUATION_SEEDS = 900_000

@@ -19,12 +19,7 @@ from drl_av.env.highway import HighwayEnv
 from drl_av.errors import CheckpointError, ConfigError, DrlAvError, RunError
 from drl_av.files.atomic import locked, refusals, replacing
 from drl_av.files.table import table_bytes
-from drl_av.learning.algorithm_1 import (
-    EpisodeRow,
-    EvaluationRow,
-    Training,
-    build_training,
-)
+from drl_av.learning.algorithm_1 import EpisodeRow, EvaluationRow, Training, build_training
 
 OPEN = {"scenario", "sumo_options"}
 """The parts of a run without an episode that may still be corrected."""

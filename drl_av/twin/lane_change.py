@@ -14,14 +14,7 @@ from drl_av.twin.lane_choice import (
     move_for_speed,
     wish,
 )
-from drl_av.twin.lane_speeds import (
-    is_open,
-    is_seen,
-    look_around,
-    needs_thought,
-    track,
-    weigh_gains,
-)
+from drl_av.twin.lane_speeds import is_open, is_seen, look_around, needs_thought, track, weigh_gains
 from drl_av.twin.lateral_room import (
     FOLLOWER,
     LAST_LEFT,

@@ -7,14 +7,7 @@ import numpy as np
 from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import CONGESTED_M_S, HELP_M_S, advise, its_follow_speed
 from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed, secure_gap
-from drl_av.twin.lateral_room import (
-    LATERAL_GAP_M,
-    LEADER,
-    STRIDE_M,
-    TINY_M,
-    center_m,
-    overlaps,
-)
+from drl_av.twin.lateral_room import LATERAL_GAP_M, LEADER, STRIDE_M, TINY_M, center_m, overlaps
 from drl_av.twin.neighbors import leader, reach_m
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,

@@ -51,9 +51,7 @@ def test_the_worst_row_is_driven_again(table: list[dict[str, str]], capsys: Caps
         assert (recording.driver, recording.seed) == (row["driver"], int(row["seed"]))
 
 
-def test_a_collision_is_worse_than_any_near_miss(
-    table: list[dict[str, str]],
-) -> None:
+def test_a_collision_is_worse_than_any_near_miss(table: list[dict[str, str]]) -> None:
     farthest = max(table, key=lambda row: float(row["min_ttc_s"]))
     for row in table:
         row["collided"] = str(row is farthest)

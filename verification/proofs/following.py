@@ -187,9 +187,7 @@ LEMMAS = (
         decision_claims,
     ),
     Lemma(
-        "fallback",
-        "If the fallback maneuver is free, hard braking is permitted.",
-        fallback_claims,
+        "fallback", "If the fallback maneuver is free, hard braking is permitted.", fallback_claims
     ),
     Lemma(
         "cut-in",

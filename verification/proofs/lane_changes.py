@@ -182,9 +182,7 @@ LEMMAS = (
         fallback_corridor_claims,
     ),
     Lemma(
-        "own-lane",
-        "The ego's body overlaps the lane in which the fallback ends.",
-        own_lane_claims,
+        "own-lane", "The ego's body overlaps the lane in which the fallback ends.", own_lane_claims
     ),
     Lemma(
         "abort",
