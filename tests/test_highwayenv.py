@@ -56,10 +56,10 @@ def test_the_check_keeps_the_ego_on_the_road_and_lets_it_accelerate() -> None:
 
 
 def test_the_check_keeps_the_ego_off_the_vehicles_that_it_hits_without() -> None:
-    crashes, speed = EXAMPLE["hits"](permit_all, 2)
-    assert crashes == 2
-    kept, slower = EXAMPLE["hits"](EXAMPLE["CHECKS"]["strict"], 2)
-    assert kept == 0
+    (crashes, speed), (kept, slower) = (
+        EXAMPLE["hits"](check, 1) for check in (permit_all, EXAMPLE["CHECKS"]["strict"])
+    )
+    assert (crashes, kept) == (1, 0)
     assert 10.0 < slower < speed
 
 

@@ -5,13 +5,9 @@ from drives import Place
 from worlds import CENTER, LANE_M
 
 from drl_av.config import Config
-from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.maneuver import plan
-from drl_av.driving.scene import LaneChange
 from drl_av.env.highway import HighwayEnv
-from drl_av.env.rollout import rollout
-from drl_av.road.road import holds
 from drl_av.scenarios.folder import PlacedVehicle
 
 KEEP, ACCELERATE, RIGHT, LEFT = 0, 1, 4, 8
@@ -33,21 +29,6 @@ def test_sumo_drives_the_ego_where_the_steering_plant_says() -> None:
     assert env.scene.lane_change is None
     sign = ACTIONS[there].lateral.sign
     assert env.scene.affordances.ego_y_m == pytest.approx((origin + sign) * LANE_M, abs=1e-9)
-
-
-@pytest.mark.parametrize("scenario", ["circular_three_lane", "barricaded_right_lane"])
-def test_a_random_driver_under_the_check_stays_on_the_road(scenario: str) -> None:
-    env = HighwayEnv(scenario, config=STEERED.updated("simulation", decisions_per_episode=100))
-    drifts: list[LaneChange] = []
-
-    for seed in range(800_000, 800_003):
-        for decision in rollout(env, RandomDriver(), seed, 10):
-            if decision.next_scene.lane_change is not None:
-                drifts.append(decision.next_scene.lane_change)
-            assert holds(decision.next_scene.affordances.ego_y_m, 1.8, 0.0, env.road)
-            assert decision.collision is None or not decision.collision.kind.ego_hit
-    env.close()
-    assert len(drifts) > 20
 
 
 @pytest.mark.parametrize(("reference", "gap_m"), [("acc", 22.0), ("idm", 22.72)])

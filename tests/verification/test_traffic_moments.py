@@ -1,6 +1,5 @@
-"""The moments of traffic, by hand on a few vehicles, and on traffic that SUMO drives."""
+"""The moments of traffic, by hand on a few vehicles, and of traffic that SUMO drives."""
 
-import math
 import re
 from pathlib import Path
 
@@ -8,8 +7,7 @@ import pytest
 from programs import python
 from worlds import CENTER, LEFT, RIGHT, ROAD, Car, snapshot
 
-from drl_av.config import Config
-from verification.traffic_moments import HIGHD, US_NATURALISTIC, Moments, following, mark, moments
+from verification.traffic_moments import Moments, following, mark
 
 ROOT = Path(__file__).parents[2]
 
@@ -34,15 +32,6 @@ def test_a_moment_is_marked_within_a_tenth_of_what_is_measured() -> None:
     assert mark("speed_m_s", 27.0) == " "
     assert mark("lane_changes_per_km", 0.13) == "*"
     assert mark("lane_changes_per_km", 0.14) == " "
-
-
-def test_calm_traffic_is_slower_than_people_and_each_moment_has_a_number() -> None:
-    found = moments(Config(), episodes=2, vehicles=(25,))
-    assert found.speed_m_s < US_NATURALISTIC.speed_m_s
-    assert found.range_p10_m < found.range_p50_m < found.range_p90_m
-    assert not any(map(math.isnan, found))
-    assert math.isnan(HIGHD.speed_m_s)
-    assert moments(Config(), episodes=2, vehicles=(25,)) == found
 
 
 def test_the_command_prints_a_row_a_moment() -> None:
