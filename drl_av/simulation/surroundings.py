@@ -317,8 +317,8 @@ class Surroundings:
         It is in each lane to which its own lane leads; on a ring it is ahead and behind.
         """
         lane, at, aside, speed, lateral, length, width = (read(name) for read in self._getters)
-        own = self._strips.get(lane) or self._beside[lane]
-        own = sorted(own, key=lambda strip: abs(strip.begin_m + at - here_m))
+        own = [*self._strips.get(lane, ()), *self._beside.get(lane, ())]
+        own.sort(key=lambda strip: abs(strip.begin_m + at - here_m))
         places = dict[tuple[int, float], None]()
         for index, from_m, left_m in own[: 1 if name == self._name else None]:
             begin_m = next((m for _, m in places if abs(from_m - m) < LENGTHS_M[1]), from_m)

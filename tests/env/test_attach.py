@@ -350,7 +350,9 @@ def test_behind_a_lane_that_splits_a_vehicle_counts_in_both_lanes(tmp_path: Path
 def test_a_truck_that_leaves_over_a_short_edge_stays_in_sight(tmp_path: Path) -> None:
     off = '<edge id="out" from="n1" to="x" numLanes="1" speed="30" width="3.5" length="4"/>'
     off += '<edge id="out2" from="x" to="y" numLanes="1" speed="30" width="3.5"/>'
-    net = a_road(tmp_path, [1, 1], ["e0 0 e1 0", "e0 0 out 0", "out 0 out2 0"], off)
+    off += '<edge id="back" from="y" to="n0" numLanes="1" speed="30" width="3.5" length="9"/>'
+    ways = ["e0 0 e1 0", "e0 0 out 0", "out 0 out2 0", "out2 0 back 0", "back 0 e0 0"]  # a ring
+    net = a_road(tmp_path, [1, 1], ways, off)
     long = '<vType id="long" length="18"/><route id="aside" edges="out2"/>'
     truck = car("truck", 0, 2, 0, "aside").replace('type="car"', 'type="long"')
     begin_on(net, "e0 e1", car("ego", 0, 300, 20, "way") + truck, CAR + long)
