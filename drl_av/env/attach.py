@@ -226,8 +226,8 @@ class AttachedEgo:
         self._last_s = now_s
         if self._name in teleported:
             raise SimulationError(
-                f"SUMO has teleported the vehicle {self._name!r}, which had waited for too long: "
-                "start SUMO with --time-to-teleport -1."
+                f"SUMO has teleported the vehicle {self._name!r}, which has collided or waited for "
+                "too long: start SUMO with --collision.action warn and --time-to-teleport -1."
             )
         if not self._around.is_on_the_road:
             return None

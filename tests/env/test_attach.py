@@ -156,7 +156,7 @@ def test_an_ego_that_sumo_teleports_is_an_error(net: Path) -> None:
     there = car("ego", 2, 100, 0) + car("jam", 2, 130, 0).replace('"car"', '"jam"')
     begin(net, there, CAR + jam, *USUAL.split(), "--time-to-teleport", "4")
     ego = drl_av.attach(sumo, "ego", Does(), "paper")
-    with pytest.raises(SimulationError, match="has teleported the vehicle 'ego'"):
+    with pytest.raises(SimulationError, match="the vehicle 'ego', which has collided or waited"):
         drive(ego, 30)
 
 
