@@ -116,14 +116,11 @@ def train_seeds(
                 text = f"{ended} of {pluralize(len(jobs), 'training')} complete"
                 bar.reach(done, sum(job.total for job in jobs), text)
     except KeyboardInterrupt:
-        away = "".join(f"move {job.folder} away, and " for job in jobs if job.is_stopped)
-        print(f"drl-av: stopped; {away}continue with: {again(jobs, command)}", file=sys.stderr)
+        print(f"drl-av: stopped; {way_on(jobs, command)}", file=sys.stderr)
         return INTERRUPTED
     except SimulationError as error:
-        raise SimulationError(
-            f"{str(error).removesuffix('.')}; the runs continue from their last checkpoints with: "
-            f"{again(jobs, command)}."
-        ) from error
+        reason = str(error).removesuffix(".")
+        raise SimulationError(f"{reason}; {way_on(jobs, command)}.") from error
     folder = jobs[0].folder.parent
     print(f"{folder}: {pluralize(len(jobs), 'training')}; compare them with a rule-based driver:")
     print(shlex.join(["drl-av", "evaluate", group_of(folder), "gap-mobil", *checks]))
@@ -140,7 +137,8 @@ def group_of(folder: Path) -> str:
     return f"{name}={Path(glob.escape(str(folder))) / 'seed-*'}"
 
 
-def again(jobs: Sequence[SeedJob], command: str) -> str:
-    """Return the command that continues the jobs: some have begun and can go on, or none."""
+def way_on(jobs: Sequence[SeedJob], command: str) -> str:
+    """Return what continues the jobs: the folders to move away, if any, and the command."""
+    away = "".join(f"move {job.folder} away, and " for job in jobs if job.is_stopped)
     goes_on = any((job.folder / "config.toml").exists() and not job.is_stopped for job in jobs)
-    return f"{command} --resume" if goes_on else command
+    return f"{away}continue with: {command}{' --resume' if goes_on else ''}"

@@ -14,6 +14,7 @@ from drl_av.config.presets import preset
 from drl_av.drivers.groups import trainings_of
 from drl_av.drivers.registry import driver_names
 from drl_av.env.custom import NOTHING_CUSTOM
+from drl_av.errors import SimulationError
 from drl_av.evaluation import LOKY
 from drl_av.evaluation.engines import ENGINES
 
@@ -129,20 +130,21 @@ def test_a_stop_prints_the_command_that_goes_on_with_the_same_settings(
         assert main([*words, *last.split()]) == INTERRUPTED
         again = capsys.readouterr().err.partition("continue with: ")[2]
         assert again == f"drl-av {' '.join(words)}{last}\n"
-    large = ["train", "--preset", "large", "-o", "ppo.decisions=20000", "--out", "runs"]
-    large += ["--seeds", "1,2"]
-    folder = Path("runs/seed-1")
+    large = ["train", "--preset", "large", "-o", "ppo.decisions=20000", "--seeds", "1,2", "--out"]
+    errors = [KeyboardInterrupt(), SimulationError("Killed.")]
 
     def leave(*arguments: object) -> Iterator[object]:
         folder.mkdir(parents=True)
         (folder / "config.toml").write_text(preset("large").to_toml())
-        raise KeyboardInterrupt
+        raise errors.pop(0)
         yield
 
     monkeypatch.setitem(ENGINES, LOKY, leave)
-    assert main(large) == INTERRUPTED
-    told = f"stopped; move {folder} away, and continue with: drl-av {' '.join(large)}\n"
-    assert told in capsys.readouterr().err
+    for status in (INTERRUPTED, 1):
+        folder = Path(f"runs-{status}/seed-1")
+        assert main([*large, str(folder.parent)]) == status
+        told = f"; move {folder} away, and continue with: drl-av {' '.join(large)} {folder.parent}"
+        assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
