@@ -95,8 +95,7 @@ def test_a_stopped_run_continues_to_the_same_bytes(settings: str) -> None:
 
 
 def test_a_training_at_scale_that_was_stopped_is_named(here: Path, capsys: Capsys) -> None:
-    config = preset("large").updated("ppo", decisions=3, batch_size=1)
-    config = config.updated("learning", seed=1)
+    config = preset("large").updated("ppo", decisions=3, batch_size=1).updated("learning", seed=1)
     folder = Path("runs/seed-1")
     folder.mkdir(parents=True)
     (folder / "config.toml").write_text(config.to_toml())
@@ -140,10 +139,10 @@ def test_a_stop_prints_the_command_that_goes_on_with_the_same_settings(
         yield
 
     monkeypatch.setitem(ENGINES, LOKY, leave)
-    for status in (INTERRUPTED, 1):
-        folder = Path(f"runs-{status}/seed-1")
-        assert main([*large, str(folder.parent)]) == status
-        told = f"; move {folder} away, and continue with: drl-av {' '.join(large)} {folder.parent}"
+    for out, status in (("a", INTERRUPTED), ("b", 1)):
+        folder = Path(out, "seed-1")
+        assert main([*large, out]) == status
+        told = f"; move {folder} away, and continue with: drl-av {' '.join(large)} {out}"
         assert told in capsys.readouterr().err
 
 

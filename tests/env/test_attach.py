@@ -26,15 +26,11 @@ NODES = """<node id="a" x="0" y="0"/><node id="b" x="600" y="0"/>
 EDGES = """<edge id="in" from="a" to="b" numLanes="3" speed="40" width="3.5"/>
 <edge id="on" from="b" to="c" numLanes="2" speed="25" width="3.5"/>
 <edge id="off" from="b" to="x" numLanes="1" speed="40" width="3.5"/>"""
-
-
 WAYS = "in 0 off 0", "in 1 on 0", "in 2 on 1"
 CAR = (
     '<vType id="car" carFollowModel="IDM" laneChangeModel="SL2015" accel="1.5" decel="4" '
     'emergencyDecel="4" maxSpeedLat="0.76" length="5" width="1.8" maxSpeed="30" speedDev="0"/>'
 )
-
-
 USUAL = "--step-length 0.5 --lateral-resolution 3.5 --collision.mingap-factor 0"
 
 
