@@ -16,7 +16,5 @@ def test_memory_that_grows_by_a_twentieth_is_a_failure(
     words = ["--resets", "10", "--warm-up", "1", "--environments", "2", "--vehicles", "1"]
     monkeypatch.setattr(sys, "argv", ["measure_memory.py", *words, "--decisions", "1"])
     assert measure_memory.main() == 1
-    *lines, growth, made = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == [str(n) for n in range(1, 12)]
+    *_, growth, _ = capsys.readouterr().out.splitlines()
     assert growth == "growth over 10 resets of 2 environments: +5.00%"
-    assert made.startswith("made by python measure_memory.py --resets 10 ")
