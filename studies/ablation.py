@@ -290,7 +290,7 @@ def complete(
     known = [[*each.values()] for each in read_table(given.out, column_types(row), growing=True)]
     missing = [job for job in jobs if [*job] not in [each[: len(job)] for each in known]]
     if missing:
-        with ProcessPoolExecutor(given.jobs, None, begin, (os.getpid(),)) as pool:
+        with ProcessPoolExecutor(given.jobs, initializer=begin, initargs=(os.getpid(),)) as pool:
             list(pool.map(partial(drive_rule, given.runs), SINGLE_PRESETS))
             list(pool.map(partial(train, given.runs), missing))
             for found in pool.map(partial(measure, given.runs), missing):

@@ -47,7 +47,7 @@ def short(tmp_path: Path) -> Options:
 class InPlace:
     """A pool of no processes."""
 
-    def __init__(self, jobs: int, initializer: object) -> None:
+    def __init__(self, jobs: int, initializer: object, initargs: object) -> None:
         pass
 
     def __enter__(self) -> "InPlace":
