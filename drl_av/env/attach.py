@@ -89,11 +89,12 @@ def attach(
     )
     settings, own_check = with_check(settings, safety_check)
     around = Surroundings(connection, vehicle, _sight_m(settings))
-    if around.speed_m_s() > settings.ego.max_speed_m_s:
+    speed_m_s = float(connection.vehicle.getSpeed(vehicle))
+    if speed_m_s > settings.ego.max_speed_m_s:
         raise ConfigError(
-            f"The vehicle drives {around.speed_m_s():g} m/s, but ego.max_speed_m_s is "
+            f"The vehicle drives {speed_m_s:g} m/s, but ego.max_speed_m_s is "
             f"{settings.ego.max_speed_m_s:g}: raise that, as in "
-            f'config={{"ego": {{"max_speed_m_s": {math.ceil(around.speed_m_s()) + 1}}}}}.'
+            f'config={{"ego": {{"max_speed_m_s": {math.ceil(speed_m_s) + 1}}}}}.'
         )
     if own_check is None:
         check: SafetyCheck = _named_check(around, settings)
@@ -108,7 +109,7 @@ def attach(
         )
     if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
         driver = SteadyDriver(driver, check, settings)
-    return AttachedEgo(vehicle, around, driver, check, settings, connection.simulation)
+    return AttachedEgo(around, driver, check, settings, connection.simulation.getTime)
 
 
 def _sight_m(config: Config) -> float:
@@ -183,19 +184,17 @@ class AttachedEgo:
 
     def __init__(
         self,
-        name: str,
         around: Surroundings,
         driver: Driver,
         check: SafetyCheck,
         config: Config,
-        simulation: Any,
+        clock: Callable[[], float],
     ) -> None:
-        self._name, self._simulation = name, simulation
         self._around, self._driver, self._check, self._config = around, driver, check, config
         self._groups = default_groups(config.observation)
         self._commands: list[Command] = []
         self._lane_change: LaneChange | None = None
-        self._planned_m, self._last_s = 0.0, math.nan
+        self._planned_m, self._clock, self._last_s = 0.0, clock, math.nan
         self.scene: Scene | None = None
         """What the driver saw at its last decision; None before the first."""
         driver.start(0)
@@ -214,8 +213,7 @@ class AttachedEgo:
         """
         step_s = self._config.simulation.step_length_s
         try:
-            now_s = self._simulation.getTime()
-            teleported = self._simulation.getStartingTeleportIDList()
+            now_s = self._clock()
         except Exception as error:  # each client of SUMO has its own class
             raise SimulationError(f"SUMO has ended ({error}): attach to one that runs.") from error
         if abs(now_s - self._last_s - step_s) > 1e-6 and not math.isnan(self._last_s):
@@ -224,10 +222,11 @@ class AttachedEgo:
                 f"before: call step once after each simulationStep, {step_s:g} s later."
             )
         self._last_s = now_s
-        if self._name in teleported:
+        if self._around.is_teleported:
             raise SimulationError(
-                f"SUMO has teleported the vehicle {self._name!r}, which has collided or waited for "
-                "too long: start SUMO with --collision.action warn and --time-to-teleport -1."
+                f"SUMO has teleported the vehicle {self._around.name!r}, which has collided or "
+                "waited for too long: start SUMO with --collision.action warn and "
+                "--time-to-teleport -1."
             )
         if not self._around.is_on_the_road:
             return None

@@ -62,7 +62,7 @@ class Surroundings:
     """
 
     def __init__(self, sumo: Any, name: str, range_m: float) -> None:
-        self._sumo, self._name, self._range_m = sumo, name, range_m
+        self._sumo, self.name, self._range_m = sumo, name, range_m
         if not self.is_on_the_road:
             raise SimulationError(
                 f"There is no vehicle {name!r} on the road: attach it once it has departed."
@@ -93,35 +93,36 @@ class Surroundings:
     def is_on_the_road(self) -> bool:
         """Whether SUMO drives the vehicle: it has not arrived, is not removed and does not park."""
         vehicle = self._sumo.vehicle
-        return self._name in vehicle.getIDList() and bool(vehicle.getLaneID(self._name))
+        return self.name in vehicle.getIDList() and bool(vehicle.getLaneID(self.name))
 
     def read(self) -> tuple[Snapshot, Road]:
         """Return the vehicles within the range, the vehicle itself first, and the road there."""
         vehicle = self._sumo.vehicle
-        if vehicle.getRoute(self._name) != self.route:
+        if vehicle.getRoute(self.name) != self.route:
             self._read_route()
             self.after_reroute()
-        self._edge = _edge_of(vehicle.getLaneID(self._name))
+        self._edge = _edge_of(vehicle.getLaneID(self.name))
         self._find_strips()
-        here_m = ORIGIN_M + vehicle.getLanePosition(self._name)
+        here_m = ORIGIN_M + vehicle.getLanePosition(self.name)
         states = dict[str, tuple[float, ...]]()
-        for name in dict.fromkeys((self._name, *self._names(here_m))):
+        for name in dict.fromkeys((self.name, *self._names(here_m))):
             for number, state in enumerate(self._states(name, here_m)):
                 states[f"{name}, {number}" if number else name] = state
         columns = np.array([*states.values()]).T.copy()
         return Snapshot(self._sumo.simulation.getTime(), (*states,), *columns), self._road()
 
-    def speed_m_s(self) -> float:
-        """Return the vehicle's speed."""
-        return float(self._sumo.vehicle.getSpeed(self._name))
+    @property
+    def is_teleported(self) -> bool:
+        """Whether SUMO took the vehicle from its place in the last step, to put it elsewhere."""
+        return self.name in self._sumo.simulation.getStartingTeleportIDList()
 
     def _read_route(self) -> None:
-        self.route = self._sumo.vehicle.getRoute(self._name)
+        self.route = self._sumo.vehicle.getRoute(self.name)
         self.lane_width_m = self._lane_width_m()
 
     def take_control(self, ego: EgoConfig) -> None:
         """Make SUMO execute our commands for the vehicle, and expect the braking of ``ego``."""
-        vehicle, name = self._sumo.vehicle, self._name
+        vehicle, name = self._sumo.vehicle, self.name
         take_control(vehicle, name)
         vehicle.setActionStepLength(name, self._sumo.simulation.getDeltaT())
         vehicle.setAccel(name, ego.accelerate_m_s2)
@@ -132,9 +133,9 @@ class Surroundings:
 
     def command(self, speed_m_s: float, aside_m: float) -> None:
         """Set the vehicle's speed, and its way to the left, for the next SUMO step."""
-        self._sumo.vehicle.setSpeed(self._name, speed_m_s)
+        self._sumo.vehicle.setSpeed(self.name, speed_m_s)
         if aside_m:
-            self._sumo.vehicle.changeSublane(self._name, aside_m)
+            self._sumo.vehicle.changeSublane(self.name, aside_m)
 
     def vehicle_types(self, ego: EgoConfig) -> VehicleTypes:
         """Return the limits of SUMO's vehicle types, and of the vehicle after ``take_control``.
@@ -142,7 +143,7 @@ class Surroundings:
         Of their models SUMO tells only ``tau`` and how often they act: the rest is taken for ours.
         Another vehicle that we drive, whose type SUMO calls TYPE@NAME, has the limits of this one.
         """
-        kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self._name
+        kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self.name
         traffic_id = vehicle.getTypeID(name).removesuffix(f"@{name}")
         ours = {f"{traffic_id}@{name}"}
         for each in vehicle.getIDList():
@@ -190,14 +191,14 @@ class Surroundings:
         for name, width_m in widths_m.items():
             if abs(width_m - first_m) > SAME_WIDTH_M:
                 raise SimulationError(
-                    f"The lane {name!r} on the route of {self._name!r} is {width_m:g} m wide, but "
+                    f"The lane {name!r} on the route of {self.name!r} is {width_m:g} m wide, but "
                     f"others are {first_m:g} m: give all lanes of the route one width."
                 )
         return float(first_m)
 
     def _lanes_of(self, edge: str) -> list[str]:
         """Return the lanes of an edge that the vehicle's class may use, rightmost first."""
-        lane, kind = self._sumo.lane, self._sumo.vehicle.getVehicleClass(self._name)
+        lane, kind = self._sumo.lane, self._sumo.vehicle.getVehicleClass(self.name)
         names = [f"{edge}_{index}" for index in range(self._sumo.edge.getLaneNumber(edge))]
         return [
             name
@@ -236,7 +237,7 @@ class Surroundings:
 
     def _follow_route(self, lanes: Sequence[str]) -> None:
         """Add the strips ahead along the route, as far as the range and its lane changes reach."""
-        ahead = self.route[self._sumo.vehicle.getRouteIndex(self._name) + 1 :]
+        ahead = self.route[self._sumo.vehicle.getRouteIndex(self.name) + 1 :]
         sight_m = max(self._range_m, LANE_CHANGE_DUE_M * len(lanes))
         last_m = ORIGIN_M + self._length_m[lanes[0]] + sight_m
         here = {lane: self._strips[lane][0] for lane in lanes}
@@ -320,7 +321,7 @@ class Surroundings:
         own = [*self._strips.get(lane, ()), *self._beside.get(lane, ())]
         own.sort(key=lambda strip: abs(strip.begin_m + at - here_m))
         places = dict[tuple[int, float], None]()
-        for index, from_m, left_m in own[: 1 if name == self._name else None]:
+        for index, from_m, left_m in own[: 1 if name == self.name else None]:
             begin_m = next((m for _, m in places if abs(from_m - m) < LENGTHS_M[1]), from_m)
             is_near = not places or abs(begin_m + at - here_m) <= self._range_m
             if is_near and begin_m + at - length < left_m:
@@ -356,7 +357,7 @@ class Surroundings:
 
     def _forbidden_lines(self) -> Iterator[ForbiddenLine]:
         """Yield the lines between two lanes of an edge that the vehicle's class may not cross."""
-        kind = self._sumo.vehicle.getVehicleClass(self._name)
+        kind = self._sumo.vehicle.getVehicleClass(self.name)
         for lane, (index, begin_m, _) in self._pairs():
             edge, _, number = lane.rpartition("_")
             for side in (1, -1):
@@ -370,7 +371,7 @@ class Surroundings:
 
         SUMO tells the limit of its class on the present lane only.
         """
-        vehicle, name = self._sumo.vehicle, self._name
+        vehicle, name = self._sumo.vehicle, self.name
         factor, fastest = float(vehicle.getSpeedFactor(name)), float(vehicle.getMaxSpeed(name))
         here_m_s = factor * float(self._sumo.lane.getMaxSpeed(vehicle.getLaneID(name)))
         of_class_m_s = float(vehicle.getAllowedSpeed(name))
