@@ -42,6 +42,7 @@ DECISIONS = 4_000_000
 COUNTS = 5, 10, 15, 20, 25
 FIRST_SEED, EPISODES = 870_000, 100
 RULE = "gap-mobil"
+NOTHING = np.zeros(0, np.float32)
 
 
 class IndicatorWorlds(TwinWorlds):
@@ -183,7 +184,7 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
     config = PRESETS["large"].updated("traffic", presets=(kind,))
     worlds = base(config.updated("ppo", worlds=EPISODES * len(base.kinds(config))), 0)
     part, everywhere = worlds.parts[0], np.arange(EPISODES)
-    layers, rule, none = [], rule_driver(RULE, config.with_traffic(kind)), np.zeros(0, np.float32)
+    layers, rule = [], rule_driver(RULE, config.with_traffic(kind))
     if kept is not None:
         found = safetensors.numpy.load_file(kept)
         layers = [
@@ -199,7 +200,7 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
             worlds.look(part, everywhere)
             if kept is None:
                 scenes = map(part.env.scene, range(EPISODES))
-                action = np.array([rule.act(scene, none).number for scene in scenes])
+                action = np.array([rule.act(scene, NOTHING).number for scene in scenes])
             else:
                 logits = forward(layers, worlds.observation[part.rows])[1]
                 action = np.where(worlds.permitted[part.rows], logits, -np.inf).argmax(axis=1)
@@ -303,7 +304,11 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = command_line("ablation", __doc__)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=[*VARIANTS])
     given = parser.parse_args(words)
-    jobs = [(v, s) for v in given.variants for s in given.seeds or range(VARIANTS[v].trainings)]
+    jobs = [
+        (name, seed)
+        for name in given.variants
+        for seed in given.seeds or range(VARIANTS[name].trainings)
+    ]
     rows = complete(given, Row, jobs, train, measure)
     print(f"gain over gap-mobil under strict, m/s, in the twin, after {DECISIONS:,} decisions")
     print(table(rows))
