@@ -188,9 +188,9 @@ def change_lane(world: World, net: Net, k: int) -> None:
         left, left_m, left_all_m = considered(world, net, i, 1, sides, eases, to_left_m)
     here, here_m, here_all_m = considered(world, net, i, 0, sides, eases, 0.0)
     state, move_m, all_m, side = right, right_m, right_all_m, -1
-    if is_second(right, right_m, left, left_m, -1, 1):
+    if is_second((right, right_m, right_all_m), (left, left_m, left_all_m), -1, 1):
         state, move_m, all_m, side = left, left_m, left_all_m, 1
-    if not is_second(here, here_m, state, move_m, 0, side):
+    if not is_second((here, here_m, here_all_m), (state, move_m, all_m), 0, side):
         state, move_m, all_m, side = here, here_m, here_all_m, 0
     world.z[STATE, i] = state
     world.z[PREVIOUS_STATE, i] = state
@@ -321,8 +321,11 @@ def reason(state: int) -> int:
 
 
 @inlined
-def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two_side: int) -> bool:
-    """Return whether SUMO prefers the second of two considerations."""
+def is_second(
+    first: tuple[int, float, float], second: tuple[int, float, float], one_side: int, two_side: int
+) -> bool:
+    """Return whether SUMO prefers the second of two considerations (``considered``)."""
+    (one, one_m, one_all_m), (two, two_m, two_all_m) = first, second
     if one == 0:
         return True
     if two == 0:
@@ -334,12 +337,12 @@ def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two
         return False
     if one & REQUESTED and two & REQUESTED and (one_m == 0.0) != (two_m == 0.0):
         return one_m == 0.0
-    first, second = reason(one), reason(two)
+    one_reason, two_reason = reason(one), reason(two)
     one_can, two_can = not one & BLOCKED, not two & BLOCKED
     same = one_m * two_m > 0
-    if first < second:
+    if one_reason < two_reason:
         return not one_can and two_can and same
-    if first > second:
+    if one_reason > two_reason:
         return not (not two_can and one_can and same)
     if one & SUBLANE:
         if one_side == 0:
@@ -349,5 +352,5 @@ def is_second(one: int, one_m: float, two: int, two_m: float, one_side: int, two
         if one_m <= 0:
             return False
         return two_m >= 0 or one_m > two_m
-    both_sides = one_side == -1 and two_side == 1  # of which it prefers the left one
-    return not one_can or (two_can and both_sides)
+    longer_m = abs(one_all_m) - abs(two_all_m)  # it prefers the shorter maneuver
+    return not one_can or (two_can and (longer_m > 0 or (longer_m == 0 and one_side == 0)))

@@ -42,6 +42,7 @@ from drl_av.twin.worlds import (
     COMMANDED_M,
     COOPERATIVE,
     EDGE,
+    EDGE_ROUTE,
     FIRST_LANE,
     FULL_REASONS,
     GAIN_LEFT,
@@ -74,7 +75,7 @@ from drl_av.twin.worlds import (
     World,
 )
 
-LOSS = -0.1
+LOSS, LASTING_S = -0.1, 20.0
 COOPERATION = 1.0
 """SUMO's lcCooperative: the loss, in thresholds, up to which a driver changes lanes for another."""
 
@@ -131,7 +132,7 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
                 notes[MANEUVER] = notes[MOVE]
                 return wanted | check_blocking(world, net, i, side, LATERAL_GAP_M, False)
     move_m, stays = weigh_gains(world, net, i, side, sides)
-    if gains_enough(world, i, side, move_m):
+    if gains_enough(world, net, i, side, move_m):
         wanted = state | SPEED_GAIN
         asked = wanted | signed(wanted, move_m)
         if influenced(asked, request, on_request_only, is_commanded) == asked:
@@ -149,12 +150,18 @@ def stay_behind_on_left(world: World, i: int) -> None:
 
 
 @inlined
-def gains_enough(world: World, i: int, side: int, move_m: float) -> bool:
-    """Return whether the gain of speed by the lateral move of ``weigh_gains`` makes a driver go."""
+def gains_enough(world: World, net: Net, i: int, side: int, move_m: float) -> bool:
+    """Return whether the gain of speed by the lateral move of ``weigh_gains`` makes a driver go.
+
+    It leaves its lane for speed only if SUMO regards ``LASTING_S`` of the route ahead.
+    """
     x = world.x
+    lasts = net.edges_m[EDGE_ROUTE, world.z[EDGE, i]] > LASTING_S * x[SPEED_M_S, i]
     if side <= 0 and move_m < 0:
-        return bool(x[GAIN_RIGHT, i] >= max(x[THRESHOLD_RIGHT, i], x[GAIN_LEFT, i]))
-    return bool(side >= 0 and move_m > 0 and x[GAIN_LEFT, i] > x[THRESHOLD_LEFT, i])
+        return bool(x[GAIN_RIGHT, i] >= x[THRESHOLD_RIGHT, i] and lasts)
+    stays = x[ASIDE_M, i] + move_m < 0.5 * net.lane_m
+    gains = side >= 0 and move_m > 0 and x[GAIN_LEFT, i] > x[THRESHOLD_LEFT, i]
+    return bool(gains and (stays or lasts))
 
 
 @inlined
@@ -188,7 +195,7 @@ def move_for_speed(world: World, net: Net, i: int, side: int, sides: int) -> flo
     if side > 0:
         stay_behind_on_left(world, i)
     move_m, _ = weigh_gains(world, net, i, side, sides)
-    goes = not world.z[ON_REQUEST_ONLY, i] and gains_enough(world, i, side, move_m)
+    goes = not world.z[ON_REQUEST_ONLY, i] and gains_enough(world, net, i, side, move_m)
     return move_m if goes else 0.0
 
 

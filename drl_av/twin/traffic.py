@@ -67,8 +67,9 @@ from drl_av.twin.worlds import (
     strips_with_vehicles,
 )
 
-ROUTE_M, LEAST_EDGES = 3000.0, 5
-"""What SUMO's lane-change models regard of a route at least: this length, and as many edges."""
+ROUTE_M, LEAST_EDGES, MOST_EDGES = 3000.0, 5, 9
+"""What SUMO's lane-change models regard of a route: this length, but at least and at most so many
+edges, with which they look further than the braking distance where edges are longer than 90 m."""
 RIGHT_RELUCTANCE = 10.0
 """SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain."""
 ONLY_SUMO = int(DriverModel.SUMO)
@@ -125,14 +126,15 @@ def strips_of(scenario: Scenario) -> int:
 def routes_of(lengths_m: FloatArray, is_loop: bool) -> FloatArray:
     """Return the length of the road that SUMO regards from the beginning of each edge.
 
-    It regards the rest of the route, but no more edges than are needed for ``ROUTE_M``.
+    It regards the rest of the route, but no more edges than are needed for ``ROUTE_M``, and from
+    ``LEAST_EDGES`` to ``MOST_EDGES``.
     """
     edges, found = len(lengths_m), []
-    laps = 2 + max(math.ceil(ROUTE_M / lengths_m.sum()), LEAST_EDGES) if is_loop else 1
+    laps = 2 + max(math.ceil(ROUTE_M / lengths_m.sum()), MOST_EDGES) if is_loop else 1
     along_m = np.tile(lengths_m, laps)
     for edge in range(edges):
         ways_m = along_m[edge:].cumsum()
-        enough = int(np.searchsorted(ways_m, ROUTE_M))
+        enough = min(int(np.searchsorted(ways_m, ROUTE_M)), MOST_EDGES - 1)
         found.append(ways_m[min(max(enough, LEAST_EDGES - 1), len(ways_m) - 1)])
     return np.array(found)
 

@@ -12,6 +12,7 @@ from drl_av.env.vector import TwinVectorEnv
 
 TRUCKS = {"kind": "calm", "truck_share": 0.5, "truck_length_m": 25.0, "truck_width_m": 1.8}
 WIDE = TRUCKS | {"truck_share": 1.0, "truck_length_m": 5.0, "truck_width_m": 2.5}
+EAGER = {"kind": "calm", "speed_gain_min": 20.0, "speed_gain_max": 20.0}
 # 1001 and 1003 among 20: requested lane changes, drivers that make room, others that move right
 # because they may not pass on the right, and bodies that rest between two lanes
 
@@ -30,6 +31,7 @@ WIDE = TRUCKS | {"truck_share": 1.0, "truck_length_m": 5.0, "truck_width_m": 2.5
         ("hazards", "circular_three_lane", "paper", 20, 930_006, 200),
         (TRUCKS, "circular_three_lane", "permit_all", 15, 1_000_001, 10),
         (WIDE, "circular_three_lane", "strict", 20, 931_018, 25),
+        (EAGER, "circular_three_lane", "paper", 20, 931_003, 60),
     ],
 )
 def test_an_episode_is_the_same_as_in_sumo(

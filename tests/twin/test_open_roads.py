@@ -133,7 +133,7 @@ def test_sumo_regards_the_rest_of_the_route_as_far_as_it_needs_to() -> None:
     assert routes_of(np.full(7, 400.0), False).tolist() == [2800, 2400, 2000, 1600, 1200, 800, 400]
     # 3 edges make 3000 m, but it regards at least 5
     assert routes_of(np.full(8, 1000.0), False).tolist()[:5] == [5000, 5000, 5000, 5000, 4000]
-    assert routes_of(np.full(4, 125.0), True).tolist() == [3000] * 4
+    assert routes_of(np.full(4, 125.0), True).tolist() == [1125] * 4  # at most 9
 
 
 def test_the_ego_could_stop_in_whole_steps() -> None:

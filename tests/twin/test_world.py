@@ -161,7 +161,7 @@ def test_what_the_twin_cannot_do_is_refused(tmp_path: Path, capsys: Capsys) -> N
 
 
 def test_a_driver_of_sumo_regards_3_km_of_a_loop_ahead_in_whole_edges() -> None:
-    assert routes_of(np.full(4, 250.0), True).tolist() == [3000.0] * 4
+    assert routes_of(np.full(4, 375.0), True).tolist() == [3000.0] * 4
     # five edges at the least, and of 700 m as many as make 3,000
     assert routes_of(np.full(4, 5000.0), True).tolist() == [25_000.0] * 4
     assert routes_of(np.full(4, 700.0), True).tolist() == [3500.0] * 4
