@@ -11,7 +11,8 @@ from drl_av.env.vector import TwinVectorEnv
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.population import DriverModel, Population, draw_driver_models, draw_drivers
-from drl_av.twin.traffic import GAIN, RIGHT_RELUCTANCE
+from drl_av.twin.lane_speeds import RIGHT_RELUCTANCE
+from drl_av.twin.traffic import GAIN
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     DESIRED_M_S,

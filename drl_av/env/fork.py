@@ -26,8 +26,6 @@ from drl_av.twin.worlds import (
     LATERAL_SPEED_M_S,
     REQUEST_END,
     STEP,
-    TRACKED,
-    TRACKED_LEFT,
 )
 
 
@@ -95,7 +93,7 @@ def copy_episode(
         copy_scene(world, net, population, fleet.driver_models, *seen, *where)
         steps = round(shot.time_s / STEP_S)
         world.near[STEP] = steps
-        world.z[[REQUEST_END, TRACKED, TRACKED_LEFT]] += steps
+        world.z[REQUEST_END] += steps
     if twin.road.is_loop:  # only SUMO drives on an open road
         state, braking = traffic.drivers.memory
         world.z[DRIVER_STATE, : vehicles + 1], world.z[BRAKING, : vehicles + 1] = state, braking

@@ -10,12 +10,11 @@ from drl_av.twin.following import (
     follow_speed,
     idm_speed,
     krauss_speed,
-    secure_gap,
 )
 from drl_av.twin.lateral_room import LEFT_SPACE
+from drl_av.twin.neighbors import needed_gap
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
-    ACCELERATION_NOW_M_S2,
     ADVICE_M_S,
     ASKED_BY_LEFTWARD,
     ASKED_BY_RIGHTWARD,
@@ -86,12 +85,11 @@ def inform_leader(
     speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
     planned = min(speed, stop_speed(world, i), world.x[ADVICE_M_S, i])
     asked = ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD
-    falls_back = i == 0 and world.x[ACCELERATION_NOW_M_S2, i] < 0.0  # found by experiment
-    if blocked & BLOCKED_BY_LEADER and not (falls_back and blocked & BLOCKED_BY_FOLLOWER):
+    if blocked & BLOCKED_BY_LEADER:
         faster = planned - its
         length_m = world.x[LENGTH_M, i]
         past_m = gap_m + world.x[LENGTH_M, j] + MIN_GAP_M + length_m
-        past_m += secure_gap(its, speed, world.x[HEADWAY_S, j], j == 0)
+        past_m += needed_gap(world, j, its, speed)
         stays = side > 0 and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
         if faster < EPS or stays or faster * seconds < past_m:
             inform(world, j, -1.0, asked | IS_BLOCKING_LEADER)
@@ -142,7 +140,6 @@ def inform_follower(
 ) -> None:
     """Ask the vehicle behind in the target lane for room, or let it pass."""
     speed, its = world.x[SPEED_M_S, i], world.x[SPEED_M_S, j]
-    headway_s, is_ego = world.x[HEADWAY_S, j], j == 0
     asked = IS_BLOCKING_FOLLOWER | (ASKED_BY_LEFTWARD if side > 0 else ASKED_BY_RIGHTWARD)
     if not blocked & BLOCKED_BY_FOLLOWER:
         fastest = min(its + world.x[ACCELERATION_M_S2, j] * STEP_S, world.x[DESIRED_M_S, j])
@@ -150,12 +147,12 @@ def inform_follower(
         if safe < its:
             later_m = gap_m + (planned - its) * STEP_S
             safe = its
-            if later_m < secure_gap(its, planned, headway_s, is_ego):
+            if later_m < needed_gap(world, j, its, planned):
                 safe = its_follow_speed(world, j, later_m, planned)
         inform(world, j, safe, asked)
         return
     if planned - its >= HELP_M_S:
-        needed_m = secure_gap(its, planned, headway_s, is_ego)
+        needed_m = needed_gap(world, j, its, planned)
         if (needed_m - gap_m) / seconds < planned - its:
             inform(world, j, planned - HELP_M_S, asked)
             return
@@ -163,7 +160,7 @@ def inform_follower(
     slowed, slowed_1s = max(0.0, its - MOST_BRAKING_M_S), max(0.0, its - braking)
     faster = planned - slowed_1s
     later_m = gap_m + faster
-    needed_m = secure_gap(slowed_1s, planned, headway_s, is_ego)
+    needed_m = needed_gap(world, j, slowed_1s, planned)
     if later_m > 0 and later_m >= needed_m:
         safe = max(slowed, its_follow_speed(world, j, gap_m + planned * STEP_S, planned))
         room_m = gap_m + (planned - safe) * STEP_S
@@ -183,5 +180,5 @@ def inform_follower(
                 return
         inform(world, j, helped, asked)
         past_m = gap_m + world.x[LENGTH_M, i] + MIN_GAP_M + world.x[LENGTH_M, j]
-        past_m += secure_gap(planned, helped, world.x[HEADWAY_S, i], False)
+        past_m += needed_gap(world, i, planned, helped)
         advise(world, i, max(helped - past_m / seconds, speed - MOST_BRAKING_M_S))

@@ -11,7 +11,7 @@ from drl_av.scenarios.folder import Scenario
 from drl_av.simulation.population import Population
 from drl_av.twin.following import EPS, STEP_S
 from drl_av.twin.lane_change import change_lane, shift
-from drl_av.twin.lane_speeds import needs_thought
+from drl_av.twin.lane_speeds import look_around, needs_thought
 from drl_av.twin.neighbors import link, shadow_lane
 from drl_av.twin.traffic import place_vehicles, sort_and_activate
 from drl_av.twin.worlds import (
@@ -38,17 +38,12 @@ from drl_av.twin.worlds import (
     SHADOW,
     SPEED_M_S,
     STEP,
-    TRACKED,
-    TRACKED_LEFT,
     WIDTH_M,
     FloatArray,
     IntArray,
     Net,
     World,
 )
-
-LONG_STEPS = 40
-"""Steps for which the drivers are taken to have had the present traffic around them (ours)."""
 
 
 def copy_scene(
@@ -79,7 +74,6 @@ def copy_scene(
     lanes = np.floor(snapshot.y_m / net.lane_m + 0.5).astype(np.int64)
     z[LANE, :n], x[ASIDE_M, :n] = lanes, snapshot.y_m - lanes * net.lane_m
     x[ASIDE_M, :n][np.abs(x[ASIDE_M, :n]) < 1e-9] = 0.0
-    z[TRACKED], z[TRACKED_LEFT] = -LONG_STEPS, -LONG_STEPS
     for row in range(n):
         lane, aside_m, width_m = int(lanes[row]), float(x[ASIDE_M, row]), float(x[WIDTH_M, row])
         other = shadow_lane(aside_m, width_m, lane, net)
@@ -113,7 +107,10 @@ def advise_all(world: World, net: Net) -> None:
     world.near[STEP] -= 1
     for k in range(int(world.near[COUNT])):
         row = z[ORDER, k]
-        if row != 0 and needs_thought(world, net, k):
+        if row == 0:
+            continue
+        look_around(world, net, k, 0.0)
+        if needs_thought(world, net, k):
             reals, wholes = x[:, row].copy(), z[:, row].copy()
             shift(world, net, row, -x[LATERAL_SPEED_M_S, row] * STEP_S)
             change_lane(world, net, k)

@@ -86,12 +86,18 @@ def brake_gap(speed: float, braking: float, headway_s: float) -> float:
 
 
 @inlined
-def secure_gap(speed: float, ahead_speed: float, headway_s: float, is_ego: bool) -> float:
-    """Return the gap that SUMO requires behind a vehicle for a lane change."""
-    if is_ego:
-        stop_m = brake_gap(speed, BRAKING_M_S2, EGO_HEADWAY_S)
-        return max(0.0, stop_m - brake_gap(ahead_speed, BRAKING_M_S2, 0.0))
+def secure_gap(speed: float, ahead_speed: float, headway_s: float) -> float:
+    """Return the gap that SUMO requires of a vehicle with IDM for a lane change."""
     return max(0.0, speed * headway_s + speed * (speed - ahead_speed) / BRAKING_ROOT_M_S2)
+
+
+@inlined
+def ego_gap(speed: float, ahead_speed: float, acceleration: float) -> float:
+    """Return the gap that SUMO requires of the ego; one that brakes needs no time to react."""
+    stop_m = brake_gap(speed, BRAKING_M_S2, EGO_HEADWAY_S)
+    if acceleration < -EPS:
+        stop_m = min(stop_m, brake_gap(speed, -acceleration, 0.0))
+    return max(0.0, stop_m - brake_gap(ahead_speed, BRAKING_M_S2, 0.0))
 
 
 @borrowing

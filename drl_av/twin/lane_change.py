@@ -14,7 +14,7 @@ from drl_av.twin.lane_choice import (
     move_for_speed,
     wish,
 )
-from drl_av.twin.lane_speeds import is_open, is_seen, look_around, needs_thought, track, weigh_gains
+from drl_av.twin.lane_speeds import DECAY, is_open, is_seen, look_around, needs_thought, weigh_gains
 from drl_av.twin.lateral_room import (
     FOLLOWER,
     LAST_LEFT,
@@ -71,11 +71,8 @@ from drl_av.twin.worlds import (
     SPEED_M_S,
     STATE,
     STAY,
-    STEP,
     STRATEGIC,
     SUBLANE,
-    TRACKED,
-    TRACKED_LEFT,
     WANTS,
     WIDTH_M,
     Net,
@@ -113,7 +110,9 @@ def change_lanes(world: World, net: Net, road: RoadNumbers, ego_y_m: float) -> N
                     ask_for_ego(world, net, road, k, ego_y_m)
                 was_m = z[LANE, 0] * net.lane_m + world.x[ASIDE_M, 0]
                 shift(world, net, 0, ego_y_m - was_m)
-            elif needs_thought(world, net, k):
+                continue
+            look_around(world, net, k, DECAY)
+            if needs_thought(world, net, k):
                 change_lane(world, net, k)
             elif z[PREVIOUS_STATE, i] != SUBLANE | STAY:
                 settle(world, i)
@@ -157,17 +156,11 @@ def settle(world: World, i: int) -> None:
 
 @inlined
 def change_lane(world: World, net: Net, k: int) -> None:
-    """Let the ``k``-th vehicle decide on its lane, and move it sideways."""
+    """Let the ``k``-th vehicle, which has looked around, decide on its lane; move it sideways."""
     i = world.z[ORDER, k]
-    if world.z[TRACKED_LEFT, i] < world.near[STEP] - 1:
-        track(world, net, k)  # also of the steps in which it did not matter
-    else:
-        look_around(world, net, k)
-    notes, near, own = world.notes, world.near, world.z[LANE, i]
-    edge = world.z[EDGE, i]
+    notes, own, edge = world.notes, world.z[LANE, i], world.z[EDGE, i]
     sides = RIGHT if is_seen(net, edge, own - 1) else 0
     sides |= LEFT if is_seen(net, edge, own + 1) else 0
-    world.z[TRACKED, i], world.z[TRACKED_LEFT, i] = near[STEP], near[STEP]
     eases = is_at_ease(world, net, i, sides)
     to_right_m, to_left_m = 0.0, 0.0
     if eases:
@@ -255,7 +248,7 @@ def ask_for_ego(world: World, net: Net, road: RoadNumbers, k: int, y_m: float) -
     count, ahead_s = abs(changes), LOOK_AHEAD_S * (2.0 if side > 0 else 1.0)
     if within_m / count >= look_ahead * ahead_s + 2.0 * (x[LENGTH_M, 0] + MIN_GAP_M):
         return
-    look_around(world, net, k)
+    look_around(world, net, k, DECAY)
     look_behind(world, net, k)
     world.notes[LEFT_SPACE] = within_m
     world.notes[MOVE] = lane_side_distance(x[WIDTH_M, 0], x[ASIDE_M, 0], side, net.lane_m)

@@ -13,6 +13,7 @@ from drl_av.twin.lane_speeds import keep_behind, speed_gain_of, weigh_gains
 from drl_av.twin.lateral_room import (
     BLOCKERS,
     FOLLOWER,
+    HOLD,
     LAST_LEFT,
     LAST_RIGHT,
     LATERAL_GAP_M,
@@ -104,6 +105,8 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
             elif request == side:
                 state = asked
                 notes[MOVE] = across_m
+    elif request == HOLD:
+        state = influenced(state, request, on_request_only, is_commanded)
     if state & STAY:
         right, left = notes[SAFE_RIGHT], notes[SAFE_LEFT]
         kept_m = LATERAL_GAP_M
@@ -123,7 +126,7 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
             and side * world.x[MANEUVER_M, i] > 0
         )
         gain = world.x[GAIN_RIGHT if side < 0 else GAIN_LEFT, i]
-        is_easy = -gain / world.x[THRESHOLD_RIGHT if side < 0 else THRESHOLD_LEFT, i] < COOPERATION
+        is_easy = -gain < COOPERATION * world.x[THRESHOLD_RIGHT if side < 0 else THRESHOLD_LEFT, i]
         if is_easy and ((helps and world.z[STATE, i] & mine) or goes_on):
             wanted = state | COOPERATIVE | URGENT
             asked = wanted | signed(wanted, across_m)

@@ -2,20 +2,17 @@
 
 import math
 
-import numpy as np
-
 from drl_av.compiled import borrowing, inlined
 from drl_av.twin.asking import CONGESTED_M_S, HELP_M_S, advise, its_follow_speed
-from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed, secure_gap
+from drl_av.twin.following import EPS, MIN_GAP_M, MOST_BRAKING_M_S, STEP_S, follow_speed
 from drl_av.twin.lateral_room import LATERAL_GAP_M, LEADER, STRIDE_M, TINY_M, center_m, overlaps
-from drl_av.twin.neighbors import leader, reach_m
+from drl_av.twin.neighbors import leader, needed_gap, reach_m
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
     ACCELERATION_NOW_M_S2,
     ASIDE_M,
     ASKED,
     COMMANDED_M,
-    COUNT,
     DESIRED_M_S,
     EDGE,
     EDGE_BEGIN,
@@ -30,33 +27,25 @@ from drl_av.twin.worlds import (
     HEADWAY_S,
     LANE,
     LEFT,
-    LENGTH_M,
-    MANEUVER_M,
     ORDER,
     OVERTAKES_RIGHT,
     REQUEST_END,
     RIGHT,
-    SHADOW,
     SPEED_M_S,
     STATE,
     STEP,
     THRESHOLD_LEFT,
-    TRACKED,
-    TRACKED_LEFT,
     WIDTH_M,
     Net,
     World,
 )
 
 DECAY = 0.5**STEP_S
-DECAYS = np.array([DECAY ** (1.0 * steps) for steps in range(64)])
 GAIN_SEEN = 0.05
+RIGHT_RELUCTANCE = 10.0
+"""SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain."""
 SLOW_M_S = 10.0
-LONG_LOSS = -1.0
-"""Gain to the left below which no step brings a vehicle back to the centre of its lane."""
 LOOKAHEAD_S = 5.0
-TRACK_STEPS = 8
-"""Steps between two updates of expected speeds that do not matter now."""
 
 
 @inlined
@@ -80,16 +69,11 @@ def expect_anew(world: World, net: Net, i: int) -> None:
 
 
 @inlined
-def decayed(steps: int) -> float:
-    """Return ``DECAY`` to the power of a number of steps."""
-    return DECAYS[steps] if steps < len(DECAYS) else DECAY ** (1.0 * steps)
-
-
-@inlined
-def look_around(world: World, net: Net, k: int) -> None:
+def look_around(world: World, net: Net, k: int, old_part: float) -> None:
     """Find the vehicles ahead of the ``k``-th one in all lanes, and what speed each lane promises.
 
-    The leaders in the right, own and left lane go to ``near`` and their net gaps to ``notes``.
+    The leaders in the right, own and left lane go to ``near`` and their net gaps to ``notes``. Of
+    the speeds that it expected it keeps ``old_part``, ``DECAY`` from one step to the next.
     """
     x, near = world.x, world.near
     i = world.z[ORDER, k]
@@ -108,7 +92,8 @@ def look_around(world: World, net: Net, k: int) -> None:
         gap_m = rear_m - MIN_GAP_M if j >= 0 else end_m - pos_m
         if abs(lane - own) <= 1:
             near[LEADER + 1 + lane - own], world.notes[LEADER + 1 + lane - own] = j, gap_m
-        expect(world, i, lane, promised_speed(world, i, j, gap_m))
+        expected = old_part * x[EXPECTED_M_S + lane, i]
+        x[EXPECTED_M_S + lane, i] = expected + (1 - old_part) * promised_speed(world, i, j, gap_m)
 
 
 @inlined
@@ -132,109 +117,62 @@ def promised_speed(world: World, i: int, j: int, gap_m: float) -> float:
 
 
 @inlined
-def expect(world: World, i: int, lane: int, promised: float) -> None:
-    """Adapt the expected speed of a lane to the promised one, since the last time."""
-    last = world.z[TRACKED if lane <= world.z[LANE, i] else TRACKED_LEFT, i]
-    steps = world.near[STEP] - last
-    old_part = decayed(steps)
-    expected = world.x[EXPECTED_M_S + lane, i]
-    world.x[EXPECTED_M_S + lane, i] = old_part * expected + (1 - old_part) * promised
-
-
-@borrowing
-def track(world: World, net: Net, k: int) -> None:
-    """Bring the expected speeds up to date, and the gain of a driver that changes for no speed.
-
-    SL2015 moves a vehicle back to the centre of its lane only if that side is not the slower one.
-    """
-    look_around(world, net, k)
-    x, z = world.x, world.z
-    i = z[ORDER, k]
-    own, steps = z[LANE, i], world.near[STEP] - z[TRACKED_LEFT, i]
-    z[TRACKED, i], z[TRACKED_LEFT, i] = world.near[STEP], world.near[STEP]
-    if own == net.last_open:
-        checks = 2 if own > net.first_open else 1
-        x[GAIN_LEFT, i] *= decayed(checks * steps)
-        return
-    gain = -math.inf
-    for lane in range(own + 1, net.lanes):
-        its = x[EXPECTED_M_S + lane, i]
-        gain = max(gain, (its - x[EXPECTED_M_S + own, i]) / max(its, SLOW_M_S))
-    if abs(gain) < EPS:
-        x[GAIN_LEFT, i] *= decayed(steps)
-    else:
-        x[GAIN_LEFT, i] += STEP_S * steps * gain
-
-
-@inlined
-def rests_aside(world: World, net: Net, k: int) -> bool:
-    """Return whether the ``k``-th vehicle stays right of its centre in any case, with none beside.
-
-    It does while the side of the centre has been the slower one for long (``LONG_LOSS``).
-    """
-    x, z, n = world.x, world.z, world.near[COUNT]
-    i = z[ORDER, k]
-    if x[ASIDE_M, i] > 0 or x[MANEUVER_M, i] != 0 or z[SHADOW, i] >= 0:
-        return False
-    if x[GAIN_LEFT, i] >= LONG_LOSS or x[THRESHOLD_LEFT, i] != math.inf:
-        return False
-    ahead, behind = z[ORDER, k - 1 if k > 0 else n - 1], z[ORDER, k + 1 if k < n - 1 else 0]
-    ahead_m, behind_m = x[FRONT_M, ahead] - x[FRONT_M, i], x[FRONT_M, i] - x[FRONT_M, behind]
-    ahead_m = ahead_m if ahead_m >= 0 else ahead_m + net.lap_m
-    behind_m = behind_m if behind_m >= 0 else behind_m + net.lap_m
-    return bool(ahead_m - x[LENGTH_M, ahead] > MIN_GAP_M and behind_m - x[LENGTH_M, i] > MIN_GAP_M)
-
-
-@inlined
 def needs_thought(world: World, net: Net, k: int) -> bool:
     """Return whether the ``k``-th vehicle may move sideways now; if not, do what else it does.
 
-    This holds for a vehicle at the centre of its lane that no driver asks for room and that changes
-    lanes for no speed: it may still keep behind a vehicle on its left, and once it has braked for
-    such a vehicle, SL2015 lets it change to the right as soon as that is faster.
+    It has looked around. A vehicle at the centre of its lane that no driver asks for room and that
+    changes lanes for no speed may still keep behind a vehicle on its left, and once it has braked
+    for such a vehicle, SL2015 lets it change to the right as soon as that is faster.
     """
     x, z = world.x, world.z
     i = z[ORDER, k]
-    if x[COMMANDED_M, i] != 0.0 or z[STATE, i] & ASKED:
-        return True
-    if x[ASIDE_M, i] != 0.0 and not rests_aside(world, net, k):
+    if x[COMMANDED_M, i] != 0.0 or x[ASIDE_M, i] != 0.0 or z[STATE, i] & ASKED:
         return True
     if z[REQUEST_END, i] >= world.near[STEP] or x[THRESHOLD_LEFT, i] != math.inf:
         return True
-    if (world.near[STEP] + i) % TRACK_STEPS == 0 or not net.is_loop:
-        track(world, net, k)
-    own, speed = z[LANE, i], x[SPEED_M_S, i]
-    follows = own < net.last_open and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]
-    tracks = own > net.first_open and x[GAIN_RIGHT, i] == math.inf
-    is_new = tracks and z[TRACKED, i] < world.near[STEP]
-    if not follows and not tracks:
-        return False
+    own, speed, ahead = z[LANE, i], x[SPEED_M_S, i], world.near[LEADER + 2]
+    may_go_right = own > net.first_open and x[GAIN_RIGHT, i] == math.inf
+    if ahead >= 0 and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]:
+        keep_behind(world, i, ahead, world.notes[LEADER + 2])
+    if may_go_right and best_gain(world, i, 0, own) > GAIN_SEEN:
+        j = world.near[LEADER]
+        if j < 0:
+            return True
+        # else it is blocked and asks no driver, but a wide vehicle moves aside as far as it may
+        is_wide = 0.5 * (net.lane_m - x[WIDTH_M, i]) < LATERAL_GAP_M + STRIDE_M
+        if world.notes[LEADER] >= needed_gap(world, i, speed, x[SPEED_M_S, j]) or is_wide:
+            return True
     edge = z[EDGE, i]
-    pos_m = x[FRONT_M, i] - net.edges_m[EDGE_BEGIN, edge]
-    seen_m = reach_m(net, edge, pos_m, speed, x[HEADWAY_S, i])
-    if follows:
-        j, rear_m = leader(world, net, k, own + 1, seen_m)
-        if j >= 0:
-            keep_behind(world, i, j, rear_m - MIN_GAP_M)
-    if not tracks:
-        return False
-    if is_new:
-        for lane in range(net.edge_lanes[FIRST_SEEN, edge], own + 1):
-            j, rear_m = leader(world, net, k, lane, seen_m)
-            gap_m = rear_m - MIN_GAP_M if j >= 0 else net.edges_m[EDGE_ROUTE, edge] - pos_m
-            expect(world, i, lane, promised_speed(world, i, j, gap_m))
-    z[TRACKED, i] = world.near[STEP]
-    for lane in range(net.edge_lanes[FIRST_SEEN, edge], own):
-        its = x[EXPECTED_M_S + lane, i]
-        if its - x[EXPECTED_M_S + own, i] > GAIN_SEEN * max(its, SLOW_M_S):
-            j, rear_m = leader(world, net, k, own - 1, seen_m)
-            if j < 0:
-                return True
-            needed_m = secure_gap(speed, x[SPEED_M_S, j], x[HEADWAY_S, i], False)
-            # else it is blocked and asks no driver, but a wide vehicle moves aside as far as it may
-            is_wide = 0.5 * (net.lane_m - x[WIDTH_M, i]) < LATERAL_GAP_M + STRIDE_M
-            return bool(rear_m - MIN_GAP_M >= needed_m) or is_wide
+    is_right, is_left = is_seen(net, edge, own - 1), is_seen(net, edge, own + 1)
+    # SUMO counts a move to the right within the lane, too
+    remember_gain(world, i, GAIN_RIGHT, best_gain(world, i, 0, own + 1), is_right, is_left)
+    remember_gain(world, i, GAIN_LEFT, best_gain(world, i, own + 1, net.lanes), is_left, is_right)
     return False
+
+
+@inlined
+def best_gain(world: World, i: int, first: int, end: int) -> float:
+    """Return the largest gain of speed in the lanes from ``first`` to before ``end``, or -inf."""
+    best = -math.inf
+    stays = world.x[EXPECTED_M_S + world.z[LANE, i], i]
+    for lane in range(first, end):
+        its = world.x[EXPECTED_M_S + lane, i]
+        best = max(best, (its - stays) / max(its, SLOW_M_S))
+    return best
+
+
+@inlined
+def remember_gain(
+    world: World, i: int, row: int, gain: float, is_open_side: bool, is_other: bool
+) -> None:
+    """Update the gain to one side as ``weigh_gains`` does for a vehicle at its lane's centre."""
+    x = world.x
+    if is_open_side:
+        x[row, i] += STEP_S * gain
+    if not is_open_side or abs(gain) < EPS:
+        x[row, i] *= DECAY
+    if not is_open_side and is_other:
+        x[row, i] *= DECAY
 
 
 @inlined
@@ -274,21 +212,18 @@ def weigh_gains(world: World, net: Net, i: int, side: int, sides: int) -> tuple[
     end_right = min(own, own + side) * lane_m - right
     best, best_right, best_left, move_m = -math.inf, -math.inf, -math.inf, 0.0
     first, last = 0 if side < 0 else own, net.lanes - 1 if side > 0 else own
+    to_left, to_right = RIGHT_RELUCTANCE * world.x[GAIN_LEFT, i], world.x[GAIN_RIGHT, i]
     for lane in range(first, last + 1):
         at = lane * lane_m
         its = world.x[EXPECTED_M_S + lane, i]
         gain = (its - stays) / max(its, SLOW_M_S)
         shift = min(max(at - right, end_right), end_left)
-        if gain > best:
+        turns = move_m < 0 < shift
+        if gain > best and not (turns and to_right > to_left):
             best = gain
             if best > GAIN_SEEN:
                 move_m = shift
-        elif (
-            shift > 0
-            and world.x[GAIN_LEFT, i] > world.x[GAIN_RIGHT, i]
-            and gain > GAIN_SEEN
-            and best - gain < EPS
-        ):
+        elif shift > 0 and gain > GAIN_SEEN and to_left > to_right and (turns or best - gain < EPS):
             move_m = shift
         if shift < -TINY_M:
             best_right = max(best_right, gain)

@@ -6,7 +6,8 @@ other. Directions are -1 right, +1 left, 0 own lane.
 """
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S, secure_gap
+from drl_av.twin.following import EPS, MIN_GAP_M, STEP_S
+from drl_av.twin.neighbors import needed_gap
 from drl_av.twin.worlds import (
     ASIDE_M,
     BLOCKED_BY_FOLLOWER,
@@ -20,7 +21,6 @@ from drl_av.twin.worlds import (
     EDGE,
     FIRST_LANE,
     FULL_REASONS,
-    HEADWAY_S,
     IS_FULL,
     LANE,
     LEFT,
@@ -45,6 +45,9 @@ from drl_av.twin.worlds import (
 STRIDE_M = 0.76 * STEP_S
 """Largest lateral move in a step."""
 LATERAL_GAP_M = 0.6
+QUEUE_GAP_M = 0.9 * MIN_GAP_M
+"""Net gap below which the next vehicle in the own lane hinders a lane change, too; found by
+experiment."""
 TINY_M = EPS * STEP_S
 HOLD = 2
 COUNTS = 1 << 40
@@ -135,9 +138,12 @@ def is_related(world: World, j: int) -> bool:
 
 @inlined
 def relate(world: World, net: Net, i: int, d: int, beside: int) -> None:
-    """Remember the ``LEADER`` or ``FOLLOWER`` in lane ``d`` if the vehicle overlaps that lane."""
+    """Remember the ``LEADER`` or ``FOLLOWER`` in lane ``d`` if the vehicle overlaps that lane.
+
+    It does not if they are as close as in a queue, unless the other one is the ego.
+    """
     j, gap_m, lane = world.near[beside + 1 + d], world.notes[beside + 1 + d], world.z[LANE, i] + d
-    if j < 0 or gap_m < 0 or is_related(world, j):
+    if j < 0 or gap_m < (QUEUE_GAP_M if j > 0 else 0.0) or is_related(world, j):
         return
     width_m = world.x[WIDTH_M, i] - EPS
     right = center_m(world, net, i) - 0.5 * width_m
@@ -217,13 +223,7 @@ def is_blocking(
     if not after and world.z[IS_FULL, i]:
         return 0
     behind, ahead = (i, j) if beside == LEADER else (j, i)
-    needed_m = secure_gap(
-        world.x[SPEED_M_S, behind],
-        world.x[SPEED_M_S, ahead],
-        world.x[HEADWAY_S, behind],
-        behind == 0,
-    )
-    if gap_m >= needed_m:
+    if gap_m >= needed_gap(world, behind, world.x[SPEED_M_S, behind], world.x[SPEED_M_S, ahead]):
         return COUNTS
     return flag | COUNTS
 

@@ -2,9 +2,10 @@
 
 import math
 
-from drl_av.compiled import inlined
-from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, secure_gap
+from drl_av.compiled import borrowing, inlined
+from drl_av.twin.following import BRAKING_M_S2, MIN_GAP_M, brake_gap, ego_gap, secure_gap
 from drl_av.twin.worlds import (
+    ACCELERATION_NOW_M_S2,
     AHEAD,
     COUNT,
     EDGE,
@@ -135,6 +136,14 @@ def reach_m(net: Net, edge: int, pos_m: float, speed: float, headway_s: float) -
     return seen_m
 
 
+@borrowing
+def needed_gap(world: World, i: int, speed: float, ahead_speed: float) -> float:
+    """Return the gap that SUMO requires of the vehicle ``i`` behind another for a lane change."""
+    if i == 0:
+        return ego_gap(speed, ahead_speed, world.x[ACCELERATION_NOW_M_S2, 0])
+    return secure_gap(speed, ahead_speed, world.x[HEADWAY_S, i])
+
+
 @inlined
 def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
     """Return the critical vehicle behind the ``k``-th one in ``lane`` and its net gap, or -1."""
@@ -174,8 +183,7 @@ def follower(world: World, net: Net, k: int, lane: int) -> tuple[int, float]:
                 break
         done_edge = edge
         gap_m = behind_m - length_m - MIN_GAP_M
-        needed_m = secure_gap(world.x[SPEED_M_S, j], speed, world.x[HEADWAY_S, j], j == 0)
-        missing_m = needed_m - gap_m
+        missing_m = needed_gap(world, j, world.x[SPEED_M_S, j], speed) - gap_m
         is_worse = (
             missing_m > found_missing_m
             or (missing_m > 0 and gap_m < found_gap_m)

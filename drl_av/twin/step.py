@@ -62,7 +62,6 @@ from drl_av.twin.worlds import (
     STATE,
     STEP,
     STRATEGIC,
-    THRESHOLD_LEFT,
     WANTS,
     WISH_M_S2,
     Net,
@@ -190,6 +189,8 @@ def see_in_lane(
         first_served_m = min(first_served_m, begin_m)
         if served_m == 0.0:
             served_m = rest_m
+        if not world.z[MASK, j] & (1 << lane):
+            continue
         while served_m < ahead_m:
             edge = next_edge(edge, net)
             served_m = served_m + net.edges_m[EDGE_LENGTH, edge] if edge >= 0 else math.inf
@@ -223,9 +224,8 @@ def move(world: World, net: Net) -> None:
         state = world.z[STATE, i]
         world.z[STATE, i] = state & WANTS if state & (STRATEGIC | COOPERATIVE) else 0
         world.x[ADVICE_M_S, i] = math.inf
-        if world.x[THRESHOLD_LEFT, i] != math.inf:
-            world.x[GAIN_LEFT, i] = np.ceil(world.x[GAIN_LEFT, i] * 100000.0) * 0.00001
-            world.x[GAIN_RIGHT, i] = np.ceil(world.x[GAIN_RIGHT, i] * 100000.0) * 0.00001
+        world.x[GAIN_LEFT, i] = np.ceil(world.x[GAIN_LEFT, i] * 100000.0) * 0.00001
+        world.x[GAIN_RIGHT, i] = np.ceil(world.x[GAIN_RIGHT, i] * 100000.0) * 0.00001
     keep_active(world, stayed)
     activate(world, present)
 

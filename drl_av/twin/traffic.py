@@ -20,6 +20,7 @@ from drl_av.simulation.fleet import Fleet
 from drl_av.simulation.population import ARRAYS, DECISIONS_AT_ONCE, DriverModel, Population
 from drl_av.simulation.speed_requests import LEFT_TO_SUMO
 from drl_av.twin.following import STEP_S
+from drl_av.twin.lane_speeds import RIGHT_RELUCTANCE
 from drl_av.twin.neighbors import edge_of, insert_sorted, link
 from drl_av.twin.worlds import (
     ACCELERATION_M_S2,
@@ -52,11 +53,8 @@ from drl_av.twin.worlds import (
     RESERVED,
     SHADOW,
     SPEED_M_S,
-    STEP,
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
-    TRACKED,
-    TRACKED_LEFT,
     WIDTH_M,
     WISH_M_S2,
     FloatArray,
@@ -70,8 +68,6 @@ from drl_av.twin.worlds import (
 ROUTE_M, LEAST_EDGES, MOST_EDGES = 3000.0, 5, 9
 """What SUMO's lane-change models regard of a route: this length, but at least and at most so many
 edges, with which they look further than the braking distance where edges are longer than 90 m."""
-RIGHT_RELUCTANCE = 10.0
-"""SUMO's 1 / lcSpeedGainRight: a change to the right needs so much more gain."""
 ONLY_SUMO = int(DriverModel.SUMO)
 GAIN = 0.2
 """SL2015's threshold of the gain for a driver with lcSpeedGain 1."""
@@ -297,7 +293,6 @@ def write_vehicles(
             x[EXPECTED_M_S + number, i] = desired[row] if is_seen else -1.0
         z[LANE, i], z[ORDER, i], z[MASK, i], z[IS_FULL, i] = lane[row], i, 1 << lane[row], 1
         z[REQUEST_END, i], z[REQUEST_LANE, i], z[SHADOW, i], z[RESERVED, i] = -1, -1, -1, -1
-        z[TRACKED, i] = z[TRACKED_LEFT, i] = world.near[STEP] - 1
     world.near[COUNT] = first + len(lane)
 
 

@@ -45,8 +45,8 @@ ego only, the smoothed speed by which SUMO judges how urgent a mandatory lane ch
 """
 
 LANE, SHADOW, RESERVED, ON_REQUEST_ONLY, REQUEST_LANE, REQUEST_END, STATE = range(7)
-PREVIOUS_STATE, IS_FULL, ORDER, MASK, TRACKED, TRACKED_LEFT, EDGE, MODEL, DRIVERS = range(7, 16)
-DRIVER_STATE, BRAKING, SIDE, LANES, AHEAD = range(16, 21)
+PREVIOUS_STATE, IS_FULL, ORDER, MASK, EDGE, MODEL, DRIVERS = range(7, 14)
+DRIVER_STATE, BRAKING, SIDE, LANES, AHEAD = range(14, 19)
 """The rows of ``z``.
 
 ``SHADOW`` is the second lane that a body overlaps, ``RESERVED`` the lane that it is about to enter,
@@ -54,17 +54,14 @@ in which others make room for it; each is -1 if there is none. ``ON_REQUEST_ONLY
 changes the vehicle's lane on request only. A request for ``REQUEST_LANE`` (-1: none), counted as
 SUMO does on each edge, stands until step ``REQUEST_END``. ``STATE`` and ``PREVIOUS_STATE`` are
 SL2015's, of the flags below; ``IS_FULL`` is 1 if its last move could be made at once. ``ORDER``
-lists the vehicles, the foremost first.
-``MASK`` has a bit for each lane that the body overlaps. ``TRACKED`` is the last step at which the
-expected speeds of the own lane and those to its right were brought up to date, ``TRACKED_LEFT`` the
-same of all lanes: in between they cannot matter. ``EDGE`` is the SUMO edge of the front bumper.
-``MODEL`` is the kind of driver, a ``DriverModel``; ``DRIVERS`` lists the rows of our own, in their
-order. ``DRIVER_STATE`` is the state of a finite-state machine, ``BRAKING`` for how many decisions a
-driver still brakes hard, ``SIDE`` the lane change that it wants at this decision. The other rows
-have a column for each place in ``ORDER`` (``neighbors.link``): ``LANES`` a bit for each lane that
-the vehicle there overlaps or has reserved; the rows from ``AHEAD`` on, one a lane, the place of the
-next vehicle ahead in the lane, -1 if there is none; and as many after them that of the next one
-behind.
+lists the vehicles, the foremost first. ``MASK`` has a bit for each lane that the body overlaps.
+``EDGE`` is the SUMO edge of the front bumper. ``MODEL`` is the kind of driver, a ``DriverModel``;
+``DRIVERS`` lists the rows of our own, in their order. ``DRIVER_STATE`` is the state of a
+finite-state machine, ``BRAKING`` for how many decisions a driver still brakes hard, ``SIDE`` the
+lane change that it wants at this decision. The other rows have a column for each place in ``ORDER``
+(``neighbors.link``): ``LANES`` a bit for each lane that the vehicle there overlaps or has reserved;
+the rows from ``AHEAD`` on, one a lane, the place of the next vehicle ahead in the lane, -1 if there
+is none; and as many after them that of the next one behind.
 """
 
 COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19

@@ -13,8 +13,19 @@ from drl_av.env.vector import TwinVectorEnv
 TRUCKS = {"kind": "calm", "truck_share": 0.5, "truck_length_m": 25.0, "truck_width_m": 1.8}
 WIDE = TRUCKS | {"truck_share": 1.0, "truck_length_m": 5.0, "truck_width_m": 2.5}
 EAGER = {"kind": "calm", "speed_gain_min": 20.0, "speed_gain_max": 20.0}
+CLOSE = (
+    ("calm", 20, 930_018),  # a driver has expected a slower lane on its left for long
+    ("overtaking", 25, 930_007),  # one enters before the ego, which brakes
+    ("overtaking", 25, 930_010),  # one stays beside the centre as long as its request stands
+    ("overtaking", 25, 930_034),  # one goes on to one of two faster sides
+    ("overtaking", 25, 930_040),
+    ("overtaking", 25, 930_054),
+    ("paper", 20, 930_013),  # one lets another in on its right, where it may go at any time
+    ("hazards", 20, 930_012),  # one sees past another that is about to enter its lane
+    ("hazards", 20, 930_024),  # vehicles stand in a queue
+)
 # 1001 and 1003 among 20: requested lane changes, drivers that make room, others that move right
-# because they may not pass on the right, and bodies that rest between two lanes
+# because they may not pass on the right, and bodies that rest between two lanes.
 
 
 @pytest.mark.parametrize(
@@ -29,6 +40,7 @@ EAGER = {"kind": "calm", "speed_gain_min": 20.0, "speed_gain_max": 20.0}
         ("naturalistic", "circular_three_lane", "paper", 20, 930_000, 200),
         ("paper", "circular_three_lane", "paper", 20, 930_002, 200),
         ("hazards", "circular_three_lane", "paper", 20, 930_006, 200),
+        *((kind, "circular_three_lane", "paper", number, seed, 60) for kind, number, seed in CLOSE),
         (TRUCKS, "circular_three_lane", "permit_all", 15, 1_000_001, 10),
         (WIDE, "circular_three_lane", "strict", 20, 931_018, 25),
         (EAGER, "circular_three_lane", "paper", 20, 931_003, 60),
@@ -52,6 +64,9 @@ def test_an_episode_is_the_same_as_in_sumo(
         over, decision = False, 0
         while not over and decision < decisions:
             assert seen_there[0] == pytest.approx(seen, abs=1e-5), decision
+            there_now = twin.scene(0).snapshot.arrays
+            for one, other in zip(sumo.scene.snapshot.arrays, there_now, strict=True):
+                assert np.allclose(one, other, rtol=0.0, atol=1e-6), decision
             assert_equal_info(info, there)
             permitted = np.flatnonzero(info["action_mask"])
             action = 1 if info["action_mask"][1] else 0 if info["action_mask"][0] else 2

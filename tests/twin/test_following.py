@@ -2,7 +2,14 @@
 
 import pytest
 
-from drl_av.twin.following import brake_gap, follow_speed, free_speed, idm_speed, secure_gap
+from drl_av.twin.following import (
+    brake_gap,
+    ego_gap,
+    follow_speed,
+    free_speed,
+    idm_speed,
+    secure_gap,
+)
 
 
 def test_a_driver_with_much_room_accelerates_twice_a_quarter_second() -> None:
@@ -30,6 +37,10 @@ def test_a_vehicle_stops_in_steps_of_half_a_second() -> None:
 
 
 def test_the_ego_needs_the_gap_of_krauss_and_the_others_that_of_idm() -> None:
-    assert secure_gap(10.0, 10.0, 9.9, True) == 15.0  # headway 1.5 s; its own is not drawn
-    assert secure_gap(10.0, 10.0, 1.2, False) == 12.0
-    assert secure_gap(10.0, 30.0, 1.2, False) == 0.0
+    assert ego_gap(10.0, 10.0, 0.0) == 15.0  # headway 1.5 s
+    # from 20 m/s it stops in 45 m and the one ahead from 16 m/s in 28 m; it reacts in 30 m
+    assert ego_gap(20.0, 16.0, 1.0) == 75 - 28
+    assert ego_gap(20.0, 16.0, -4.0) == 45 - 28  # it brakes already
+    assert ego_gap(20.0, 16.0, -2.0) == 75 - 28  # in 95 m as it brakes now
+    assert secure_gap(10.0, 10.0, 1.2) == 12.0
+    assert secure_gap(10.0, 30.0, 1.2) == 0.0

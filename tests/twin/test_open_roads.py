@@ -134,6 +134,8 @@ def test_sumo_regards_the_rest_of_the_route_as_far_as_it_needs_to() -> None:
     # 3 edges make 3000 m, but it regards at least 5
     assert routes_of(np.full(8, 1000.0), False).tolist()[:5] == [5000, 5000, 5000, 5000, 4000]
     assert routes_of(np.full(4, 125.0), True).tolist() == [1125] * 4  # at most 9
+    # from the edge of 900 m: 900 + 1,000 + 400 + 900 + 1,000
+    assert routes_of(np.array([1000.0, 400.0, 900.0]), True)[2] == 4200.0
 
 
 def test_the_ego_could_stop_in_whole_steps() -> None:

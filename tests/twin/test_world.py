@@ -20,7 +20,6 @@ from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation.criterion import judge
 from drl_av.evaluation.replay import ReplaySession, replay_session
 from drl_av.learning.algorithm_1 import Training, build_training
-from drl_av.twin.traffic import routes_of
 
 TWIN = Config().updated("simulation", world="twin")
 SHORT = {"decisions_per_episode": 40}
@@ -158,12 +157,3 @@ def test_what_the_twin_cannot_do_is_refused(tmp_path: Path, capsys: Capsys) -> N
     assert main(large) == 1
     assert "set observation.way = true, as the preset" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
-
-
-def test_a_driver_of_sumo_regards_3_km_of_a_loop_ahead_in_whole_edges() -> None:
-    assert routes_of(np.full(4, 375.0), True).tolist() == [3000.0] * 4
-    # five edges at the least, and of 700 m as many as make 3,000
-    assert routes_of(np.full(4, 5000.0), True).tolist() == [25_000.0] * 4
-    assert routes_of(np.full(4, 700.0), True).tolist() == [3500.0] * 4
-    # from the edge of 900 m: 900 + 1,000 + 400 + 900 + 1,000
-    assert routes_of(np.array([1000.0, 400.0, 900.0]), True)[2] == 4200.0
