@@ -118,7 +118,9 @@ results: setup
 	$(BIN)/drl-av figures --out docs/results
 	$(call text,crash_rate.txt,-m verification.crash_rate --tests 40000 --jobs 2)
 	$(call text,own_hits.txt,-m verification.own_hits --tests 120000 --jobs 2)
-	$(call text,twin_equality.txt,-m verification.twin_equality --jobs 2)
+	for kind in calm paper overtaking naturalistic hazards; do \
+	    $(BIN)/python -m verification.twin_equality --traffic $$kind --jobs 2 || exit 1; \
+	done > runs/twin_equality.txt && mv runs/twin_equality.txt docs/results/
 	$(call text,ablation.txt,-m studies.ablation)
 	$(call text,scale.txt,-m studies.scale)
 	$(call text,twin_open_roads.txt,-m verification.twin_roads)
