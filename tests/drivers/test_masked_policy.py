@@ -251,8 +251,7 @@ def test_the_onnx_file_decides_as_the_driver(run: Path, tmp_path: Path) -> None:
     layers, _ = load_actor(run / "policy.safetensors")
     for row in range(500):
         values = forward(layers, np.concatenate((observation[row], mask[row]), dtype=np.float32))[1]
-        rounding = 1e-5 + 1e-6 * float(np.abs(values).max())  # of single precision
-        assert logits[row] == pytest.approx(values, rel=1e-4, abs=rounding)
+        assert np.allclose(logits[row], values, rtol=1e-4, atol=1e-5 + 1e-6 * abs(values).max())
         ranked = values if not mask[row].any() else np.where(mask[row], values, -np.inf)
         assert actions[row] == ranked.argmax(), row
     with pytest.raises(CheckpointError, match="by its name, or the folder of its run"):

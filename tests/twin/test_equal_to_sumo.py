@@ -17,9 +17,8 @@ CLOSE = (
     ("calm", 20, 930_018),  # a driver has expected a slower lane on its left for long
     ("overtaking", 25, 930_007),  # one enters before the ego, which brakes
     ("overtaking", 25, 930_010),  # one stays beside the centre as long as its request stands
-    ("overtaking", 25, 930_034),  # one goes on to one of two faster sides
-    ("overtaking", 25, 930_040),
-    ("overtaking", 25, 930_054),
+    # one goes on to one of two faster sides
+    *(("overtaking", 25, seed) for seed in (930_034, 930_040, 930_054)),
     ("paper", 20, 930_013),  # one lets another in on its right, where it may go at any time
     ("hazards", 20, 930_012),  # one sees past another that is about to enter its lane
     ("hazards", 20, 930_024),  # vehicles stand in a queue
