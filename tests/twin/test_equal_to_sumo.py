@@ -24,7 +24,7 @@ CLOSE = (
     ("hazards", 20, 930_024),  # vehicles stand in a queue
 )
 # 1001 and 1003 among 20: requested lane changes, drivers that make room, others that move right
-# because they may not pass on the right, and bodies that rest between two lanes.
+# because they may not pass on the right, and bodies that rest between two lanes
 
 
 @pytest.mark.parametrize(
