@@ -63,9 +63,8 @@ def test_an_episode_is_the_same_as_in_sumo(
         over, decision = False, 0
         while not over and decision < decisions:
             assert seen_there[0] == pytest.approx(seen, abs=1e-5), decision
-            there_now = twin.scene(0).snapshot.arrays
-            for one, other in zip(sumo.scene.snapshot.arrays, there_now, strict=True):
-                assert np.allclose(one, other, rtol=0.0, atol=1e-6), decision
+            both = zip(sumo.scene.snapshot.arrays, twin.scene(0).snapshot.arrays, strict=True)
+            assert all(np.allclose(*pair, rtol=0.0, atol=1e-6) for pair in both), decision
             assert_equal_info(info, there)
             permitted = np.flatnonzero(info["action_mask"])
             action = 1 if info["action_mask"][1] else 0 if info["action_mask"][0] else 2

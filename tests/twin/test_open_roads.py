@@ -133,7 +133,9 @@ def test_sumo_regards_the_rest_of_the_route_as_far_as_it_needs_to() -> None:
     assert routes_of(np.full(7, 400.0), False).tolist() == [2800, 2400, 2000, 1600, 1200, 800, 400]
     # 3 edges make 3000 m, but it regards at least 5
     assert routes_of(np.full(8, 1000.0), False).tolist()[:5] == [5000, 5000, 5000, 5000, 4000]
-    assert routes_of(np.full(4, 125.0), True).tolist() == [1125] * 4  # at most 9
+    # at most 9 edges, as many as make 3000 m, and at least 5
+    ahead = {m: {*routes_of(np.full(4, m), True)} for m in (125.0, 375.0, 700.0, 5000.0)}
+    assert ahead == {125.0: {1125.0}, 375.0: {3000.0}, 700.0: {3500.0}, 5000.0: {25_000.0}}
     # from the edge of 900 m: 900 + 1,000 + 400 + 900 + 1,000
     assert routes_of(np.array([1000.0, 400.0, 900.0]), True)[2] == 4200.0
 
