@@ -10,8 +10,8 @@ The packages, each importing only from those before it:
     safety           the safety checks: pure functions
     scenarios        a description becomes SUMO's files, and back
     simulation       vehicles in SUMO; the only package that opens it
-    twin             the same road and traffic, compiled
     drivers          the drivers of the ego, and the drivers of the background traffic
+    twin             the same road and traffic, compiled
     drawing          a scene as a picture, an episode as a film
     env              ``drl_av/Highway-v0``, the gymnasium environment, and its reward
     learning         Algorithm 1 of the paper, and training at scale in the twin; uses torch

@@ -1,6 +1,6 @@
 """The safety checks in another environment, HighwayEnv's highway-v0, without SUMO.
 
-pip install 'drl-av[train,benchmark]'
+pip install '.[train,benchmark]'
 python examples/check_in_highwayenv.py 20
 python examples/check_in_highwayenv.py 50 figure.png
 

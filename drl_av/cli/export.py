@@ -11,7 +11,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "run",
         metavar="RUN",
-        help="folder of a run, its policy.safetensors, or pretrained (the shipped driver)",
+        help="folder of a run, its policy.safetensors, or a driver that ships, such as pretrained",
     )
     parser.add_argument("out", type=Path, metavar="FILE.onnx", help="file to write")
     parser.epilog = described()

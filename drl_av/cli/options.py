@@ -95,8 +95,8 @@ def driver_words() -> str:
 def add_observation(parser: argparse.ArgumentParser) -> None:
     """Add the option of an observation other than the indicators to a verb that only drives."""
     observation = (
-        "wide, or your own observation or tuple of groups as module:name (default: the 27 "
-        "indicators)"
+        "wide, a group of numbers by its name, or your own observation or tuple of groups as "
+        "module:name (default: the 27 indicators)"
     )
     add_text(parser, "--observation", "NAME", observation)
 
@@ -115,11 +115,12 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
         "--world",
         choices=WORLDS,
         help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: that of the "
-        "settings)",
+        "settings, but sumo for a RUN in the twin)",
     )
     check = f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})"
     add_text(parser, "--safety-check", "NAME", check)
-    traffic = f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic])"
+    drawn = "but paper, or calm on an open road, for a RUN that drew kinds"
+    traffic = f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic], {drawn})"
     add_text(parser, "--traffic", "KIND", traffic)
     reward = "your own reward as module:function (default: the paper's)"
     add_text(parser, "--reward", "NAME", reward)
