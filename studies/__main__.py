@@ -40,26 +40,12 @@ def command_line() -> argparse.ArgumentParser:
         help="a quick form in a folder of its own: one training of a kind, two short episodes in "
         "each cell; its numbers mean nothing",
     )
-    parser.add_argument(
-        "--trainings",
-        dest="most_trainings",
-        type=int_at_least(1),
-        metavar="N",
-        help="at most N seeds of each training",
-    )
-    parser.add_argument(
-        "--episodes",
-        dest="most_episodes",
-        type=int_at_least(1),
-        metavar="N",
-        help="at most N evaluation episodes in each cell",
-    )
-    parser.add_argument(
-        "--jobs",
-        type=int_at_least(1),
-        metavar="N",
-        help=f"number of processes (default: {usual.jobs})",
-    )
+    for name, dest, meaning in (
+        ("--trainings", "most_trainings", "at most N seeds of each training"),
+        ("--episodes", "most_episodes", "at most N evaluation episodes in each cell"),
+        ("--jobs", "jobs", f"number of processes (default: {usual.jobs})"),
+    ):
+        parser.add_argument(name, dest=dest, type=int_at_least(1), metavar="N", help=meaning)
     parser.add_argument(
         "--engine",
         choices=(LOKY, RAY),

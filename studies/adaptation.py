@@ -13,10 +13,11 @@ from drl_av.config.presets import adaptation as adapted
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.evaluation.figures import moving_average
 from drl_av.evaluation.statistics import mean_with_interval
+from drl_av.evaluation.table import read_rows
 from drl_av.road.road import FloatArray
 from studies.learning_curves import MIXED, Curve, curve, reporting_plan
 from studies.options import Options, Plan, Program
-from studies.results import ResultsFolder, markdown_table
+from studies.results import markdown_table
 from studies.trainings import TrainingJob, blocks_of
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def adaptation_table(folder: Path) -> str:
     The means and intervals are over the drivers. The table ends at the last episode that both
     variants have driven.
     """
-    rows = ResultsFolder(folder).rows("adaptation.csv")
+    rows = read_rows(folder / "adaptation.csv")
     columns = ("safety_triggers", "reward", "ego_hits", "collisions")
     curves = {
         variant: [curve(rows, variant, f"training_{column}") for column in columns]
@@ -94,7 +95,7 @@ def adaptation_figure(folder: Path) -> "Figure":
     Bold lines are the means over all drivers of a moving average over 10,000 episodes, thin ones
     those of each driver.
     """
-    rows = ResultsFolder(folder).rows("adaptation.csv")
+    rows = read_rows(folder / "adaptation.csv")
     figure, axes = one_panel(
         "episode", f"safety triggers an episode\n(mean of the last {FILTERED_OVER:,} episodes)"
     )

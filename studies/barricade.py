@@ -25,12 +25,12 @@ from drl_av.env.rollout import rollout
 from drl_av.env.transition import Transition
 from drl_av.evaluation.figure_style import label_axes, panels
 from drl_av.evaluation.statistics import grouped, mean_with_interval
-from drl_av.evaluation.table import Inputs
+from drl_av.evaluation.table import Inputs, read_rows
 from drl_av.files.table import Row
 from drl_av.road.road import Road, is_open
 from drl_av.road.snapshot import CollisionKind
 from studies.options import Call, Options, Plan, Program, Settings, order_by
-from studies.results import ResultsFolder, markdown_table
+from studies.results import markdown_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -171,7 +171,7 @@ def barricade_table(folder: Path) -> str:
     A value is the mean over the trainings, with its 95 % confidence interval.
     """
     lines = []
-    for check, own in grouped(ResultsFolder(folder).rows("barricade.csv"), CHECK).items():
+    for check, own in grouped(read_rows(folder / "barricade.csv"), CHECK).items():
         trainings = [list(rows) for rows in grouped(own, SEED).values()]
         learnt = [[row for row in rows if row["phase"] == "training"] for rows in trainings]
         driven = [row for row in own if row["phase"] == "trained"]
@@ -207,7 +207,7 @@ def barricade_figure(folder: Path) -> "Figure":
 
     Thin lines are trainings, bold ones their means.
     """
-    rows = ResultsFolder(folder).rows("barricade.csv")
+    rows = read_rows(folder / "barricade.csv")
     figure, (collisions, choices) = panels((11, 3.8), 1, 2)
     for check, own in grouped(rows, CHECK).items():
         color, label = STYLES[check]

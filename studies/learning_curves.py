@@ -19,12 +19,13 @@ from drl_av.config import Config
 from drl_av.config.presets import LITERAL
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
 from drl_av.evaluation.figure_style import label_axes, panels
+from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
-from drl_av.evaluation.table import Inputs
+from drl_av.evaluation.table import Inputs, read_rows, report_corrupt_table
 from drl_av.files.table import Row
 from drl_av.road.road import FloatArray
 from studies.options import Options, Plan, Program, Settings, order_by
-from studies.results import ResultsFolder, markdown_table
+from studies.results import markdown_table
 from studies.trainings import TrainingJob, TrainingRows, evaluations_of
 
 if TYPE_CHECKING:
@@ -276,7 +277,7 @@ def convergence_table(folder: Path) -> str:
         "collisions while exploring": ("training_collisions_an_episode", 2),
     }
     lines = []
-    for row in ResultsFolder(folder).rows("convergence.csv"):
+    for row in read_rows(folder / "convergence.csv"):
         cells = [f"`{row['variant']}`", row["seeds"], f"{row['converged_at']} of {row['episodes']}"]
         for name, digits in columns.values():
             mean = Mean(float(row[name]), float(row[f"{name}_ci95"]))
@@ -291,7 +292,7 @@ def replay_table(folder: Path) -> str:
     Interquartile means over the seeds, and the probability that a training with two buffers earns
     more than one with the other kind; each with its 95 % interval (Agarwal et al. 2021).
     """
-    rows, lines = ResultsFolder(folder).rows("curves.csv"), []
+    rows, lines = read_rows(folder / "curves.csv"), []
     found = {row["variant"] for row in rows}
     for variant in [variant for variant in REPLAY if variant in found]:
         ours, rewards = (curve(rows, name, "mean_reward").ends for name in (REPLAY[0], variant))
@@ -309,10 +310,10 @@ def replay_table(folder: Path) -> str:
 
 def cost_table(folder: Path) -> str:
     """Return the Markdown table of the wall time of all trainings of each variant."""
-    results = ResultsFolder(folder)
-    seconds = results.made_by("curves.csv")["wall_time_s"]
+    with report_corrupt_table(folder / "curves.csv"):
+        seconds = read_provenance(folder / "curves.csv")["wall_time_s"]
     lines = []
-    for variant, own in grouped(results.rows("curves.csv"), itemgetter("variant")).items():
+    for variant, own in grouped(read_rows(folder / "curves.csv"), itemgetter("variant")).items():
         last = last_episodes(own)
         hours = sum(seconds[f"{variant}-{seed}"] for seed in last) / 3600
         lines.append([f"`{variant}`", str(len(last)), str(sum(last.values())), f"{hours:.1f}"])
@@ -325,7 +326,7 @@ def worlds_table(folder: Path) -> str:
     It gives the share of SUMO's evaluations that lie within the quantiles ``WITHIN`` of the twin's
     trainings at the same episode, and the share of the twin's own within those of the others there.
     """
-    rows, lines = ResultsFolder(folder).rows("curves.csv"), []
+    rows, lines = read_rows(folder / "curves.csv"), []
     for variants in (WORLDS[:2], WORLDS[2:]):
         for column in COMPARED:
             twin, sumo = (curve(rows, variant, column) for variant in variants)
@@ -357,7 +358,7 @@ def collisions_table(folder: Path) -> str:
     The shares of episodes are means over the trainings: that of all episodes while they explore,
     and the least and the greatest of an evaluation of the greedy drivers.
     """
-    rows, lines = ResultsFolder(folder).rows("curves.csv"), []
+    rows, lines = read_rows(folder / "curves.csv"), []
     for variant in WORLDS:
         exploring, greedy = (curve(rows, variant, column) for column in COMPARED[1:])
         at, shares = np.array(greedy.episodes), 100 * greedy.values.mean(axis=0)
@@ -376,7 +377,7 @@ def learning_figure(variants: Sequence[str], columns: Sequence[str], folder: Pat
 
     Variants without rows are left out.
     """
-    rows = ResultsFolder(folder).rows("curves.csv")
+    rows = read_rows(folder / "curves.csv")
     names = [name for name in variants if any(row["variant"] == name for row in rows)]
     figure, axes = panels((11.5, 3.8), 1, len(columns))
     for panel, column in zip(axes, columns, strict=True):

@@ -25,7 +25,7 @@ from docs_pages import actions, observation
 
 from studies.options import FOLDER, RESULTS
 from studies.registry import STUDIES
-from studies.results import ResultsFolder, markdown_table
+from studies.results import markdown_table
 from studies.study import FileStudy
 from verification import crash_table, imported_nets, ramps, shielding_report, stories
 
@@ -95,7 +95,6 @@ def study_tables() -> dict[str, Table]:
     return found
 
 
-RESULTS_FOLDER = ResultsFolder(RESULTS)
 TABLES: dict[str, Table] = {
     "observation": Table(observation),
     "actions": Table(actions),
@@ -115,8 +114,8 @@ TABLES: dict[str, Table] = {
     "ablation": Table(lambda: printed("ablation.txt")),
     "scale": Table(lambda: printed("scale.txt")),
     "sharper": Table(lambda: printed("sharper.txt")),
-    "shielding": Table(lambda: shielding_report.section(RESULTS_FOLDER)),
-    "stories": Table(lambda: stories.section(RESULTS_FOLDER)),
+    "shielding": Table(lambda: shielding_report.section(RESULTS)),
+    "stories": Table(lambda: stories.section(RESULTS)),
     **study_tables(),
 }
 LEARNED = [f"{kind}_learned" for kind in ramps.SUCCESS]

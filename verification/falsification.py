@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drl_av.config import Config
-from drl_av.errors import DrlAvError
+from drl_av.errors import needed_by
 from drl_av.road.road import FloatArray
 from drl_av.safety.reachability import STILL_M_S
 from verification.adversary import BatchCheck, IntArray, Mover, Orders, World
@@ -107,13 +107,8 @@ def search(
 
     The adversary minimizes the ego's smallest separation.
     """
-    try:
+    with needed_by("The search", "cma", "'drl-av[verify]'"):
         import cma
-    except ImportError as error:
-        raise DrlAvError(
-            "The search needs the package cma, which is not installed: pip install "
-            "'drl-av[verify]'."
-        ) from error
     left, restart = scenes, 0
     while left > 0:
         options = {"popsize": POPULATION, "verbose": -9, "CMA_diagonal": True}

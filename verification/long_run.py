@@ -17,12 +17,9 @@ from typing import Any, NamedTuple
 
 from drl_av.config import TRAFFIC_PRESETS, Config
 from drl_av.drivers.rule_based import RandomDriver
-from drl_av.driving.actions import Action
-from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics
 from drl_av.env.rollout import rollout
-from drl_av.env.scene_values import Observation
 from drl_av.evaluation.provenance import provenance, read_provenance, write_provenance
 from drl_av.evaluation.statistics import grouped
 from drl_av.evaluation.table import settings_mismatch, stored_config
@@ -60,24 +57,20 @@ BLAME_S = 10.0
 """A breach explains a collision that follows within this time."""
 
 
-class Watched:
+class Watched(RandomDriver):
     """An environment whose SUMO steps an auditor watches; a random driver drives the ego."""
 
     def __init__(self, config: Config) -> None:
+        super().__init__()
         self.env = HighwayEnv(config=config)
         self.auditor = Auditor(config, self.env.road)
         self.env.simulation.after_step = self.auditor.watch
-        self._driver = RandomDriver()
 
     def start(self, seed: int) -> None:
         """Prepare the driver and the auditor for an episode."""
-        self._driver.start(seed)
+        super().start(seed)
         self.auditor.start()
         self.auditor.watch(self.env.scene.snapshot)
-
-    def act(self, scene: Scene, observation: Observation) -> Action:
-        """Return the random driver's action."""
-        return self._driver.act(scene, observation)
 
     def episode(self, mix: str, seed: int) -> dict[str, Any]:
         """Drive the episode of a traffic seed, and return its row of the table."""

@@ -7,8 +7,9 @@ import numpy as np
 
 from drl_av.evaluation.figure_style import label_axes, panels, save_figure
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
+from drl_av.evaluation.table import read_rows
 from drl_av.files.table import Row
-from studies.results import ResultsFolder, markdown_table
+from studies.results import markdown_table
 
 METHODS = ("masking", "replacement", "replacement and penalty")
 TRAINING, FINAL = "training", "final"
@@ -58,9 +59,9 @@ def table(rows: list[Row]) -> str:
     return markdown_table(names, lines)
 
 
-def section(results: ResultsFolder) -> str:
+def section(folder: Path) -> str:
     """Return the table of ``shielding.csv`` as Markdown, or a note without rows."""
-    rows = results.rows("shielding.csv")
+    rows = read_rows(folder / "shielding.csv")
     return table(rows) if rows else "*The trainings have not been made yet.*"
 
 

@@ -16,9 +16,10 @@ from typing import Any
 from drl_av.config import Config
 from drl_av.evaluation.evaluate import evaluate
 from drl_av.evaluation.provenance import provenance, write_provenance
+from drl_av.evaluation.table import read_rows
 from drl_av.files.atomic import require_writable
 from drl_av.files.table import Row, write_table
-from studies.results import ResultsFolder, markdown_table
+from studies.results import markdown_table
 from verification.program import Program, run_program
 
 STORIES = (
@@ -71,9 +72,9 @@ def cell(each: Row) -> str:
     return f"{float(each['mean_speed_m_s']):.1f} m/s"
 
 
-def section(results: ResultsFolder) -> str:
+def section(folder: Path) -> str:
     """Return the table of ``stories.csv`` as Markdown."""
-    return table(results.rows("stories.csv"))
+    return table(read_rows(folder / "stories.csv"))
 
 
 def main() -> None:

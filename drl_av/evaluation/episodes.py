@@ -115,17 +115,6 @@ class Evaluation:
         episodes = product(self._vehicles, self._seeds, names)
         return [EpisodeJob(self.setup, *episode) for episode in episodes]
 
-    def rows(self, jobs: int = 1) -> Generator[EpisodeResult, None, None]:
-        """Drive all episodes in ``jobs`` processes; yield the result of each, in their order.
-
-        The results do not depend on ``jobs``.
-
-        Raises:
-            ConfigError: an object of the user cannot be copied into another process.
-            SimulationError: SUMO ended unexpectedly, or ended its worker process.
-        """
-        yield from drive_episodes(self.jobs, jobs)
-
 
 def drive_episodes(
     episodes: Sequence[EpisodeJob], processes: int = 1, engine: str = LOKY

@@ -21,7 +21,7 @@ from drl_av.env.transition import RewardFunction
 from drl_av.errors import ConfigError, printable
 from drl_av.evaluation.criterion import CriterionResult, judge
 from drl_av.evaluation.criticality import CriticalityMetrics
-from drl_av.evaluation.episodes import Evaluation, Setup, warn_of_checks
+from drl_av.evaluation.episodes import Evaluation, Setup, drive_episodes, warn_of_checks
 from drl_av.evaluation.statistics import summarize
 from drl_av.evaluation.trajectories import import_pandas
 from drl_av.safety.check import SafetyCheck
@@ -164,7 +164,7 @@ def evaluate(
     custom = CustomParts(own_check, reward, observation)
     counts = [int(number) for number in numbers]
     evaluation = Evaluation(Setup(settings, tuple(specs), metrics, custom), counts, seeds)
-    with closing(evaluation.rows(jobs)) as rows:
+    with closing(drive_episodes(evaluation.jobs, jobs)) as rows:
         return Results(rows)
 
 

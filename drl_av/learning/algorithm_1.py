@@ -230,20 +230,16 @@ class Training:
             drive(self._env, self.driver, "ddqn", EVALUATION_SEEDS + i, self._vehicles_of(i))
             for i in range(self._config.evaluation_episodes)
         ]
-
-        def mean(name: str) -> float:
-            return float(np.mean([getattr(result, name) for result in results]))
-
+        names = (
+            *("mean_reward", "mean_r_v", "mean_r_y", "mean_r_x"),
+            *("mean_speed_m_s", "safety_triggers"),
+        )
+        means = {name: float(np.mean([getattr(each, name) for each in results])) for name in names}
         return EvaluationRow(
             episode=self.episodes_done,
-            mean_reward=mean("mean_reward"),
-            mean_r_v=mean("mean_r_v"),
-            mean_r_y=mean("mean_r_y"),
-            mean_r_x=mean("mean_r_x"),
-            mean_speed_m_s=mean("mean_speed_m_s"),
             collisions=sum(result.collided for result in results),
             ego_hits=sum(result.ego_hit for result in results),
-            safety_triggers=mean("safety_triggers"),
+            **means,
         )
 
     def _vehicles_of(self, evaluation_episode: int) -> int:

@@ -120,7 +120,7 @@ def near_limit(
     known_m: float,
     rows: IntArray,
 ) -> int:
-    """Find the vehicles whose ``most_speed`` may limit their speed at the end of the next step.
+    """Find the vehicles whose ``stoppable_speed`` may limit their speed after the next step.
 
     For all others it is greater than every speed that they can reach by then, because the vehicle
     ahead is far enough or fast enough. The vehicle ahead is any vehicle whose body may overlap the
@@ -255,20 +255,6 @@ def wished_speed(
     return min(most, max(0.0, speed + wanted_m_s2 * step_s))
 
 
-def most_speed(
-    gap_m: float, ahead_m_s: float, fastest_m_s: float, braking_m_s2: float, step_s: float
-) -> float:
-    """Return ``stoppable_speed``, or inf if it is certainly greater than ``fastest_m_s``.
-
-    It is inf too if there is no vehicle ahead: its speed is nan.
-    """
-    rest_m = way_to_stop(ahead_m_s, braking_m_s2, step_s) - ahead_m_s * step_s
-    needed_m = way_to_stop(fastest_m_s, braking_m_s2, step_s) + MARGIN_M
-    if np.isnan(ahead_m_s) or max(gap_m, 0.0) + max(rest_m, 0.0) >= needed_m:
-        return np.inf
-    return stoppable_speed(gap_m, ahead_m_s, braking_m_s2, step_s)
-
-
 def stoppable_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s: float) -> float:
     """Return the largest speed, m/s, from which a vehicle can stop behind the vehicle ahead.
 
@@ -285,8 +271,3 @@ def stoppable_speed(gap_m: float, ahead_m_s: float, braking_m_s2: float, step_s:
 def rest_of_way(speed_m_s: float, braking_m_s2: float, step_s: float) -> float:
     """Return the distance, metres, that a vehicle covers which brakes at once until it stands."""
     return max(squared(speed_m_s) / (2 * braking_m_s2) - speed_m_s * step_s / 2, 0.0)
-
-
-def way_to_stop(speed_m_s: float, braking_m_s2: float, step_s: float) -> float:
-    """Return the distance, metres, of a vehicle that brakes after a step at this speed."""
-    return speed_m_s * speed_m_s / (2 * braking_m_s2) + speed_m_s * step_s / 2

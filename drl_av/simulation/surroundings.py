@@ -150,16 +150,12 @@ class Surroundings:
             if vehicle.getSpeedMode(each) == ALL_SPEED_CHECKS_OFF:
                 kind = vehicle.getTypeID(each)
                 ours |= {kind} if kind.endswith(f"@{each}") else set()
+        reads: Sequence[Any] = (
+            *(kinds.getLength, kinds.getWidth, kinds.getAccel, kinds.getDecel),
+            *(kinds.getEmergencyDecel, kinds.getMaxSpeedLat, self._model_of),
+        )
         found = {
-            kind: VehicleType(
-                kinds.getLength(kind),
-                kinds.getWidth(kind),
-                kinds.getAccel(kind),
-                kinds.getDecel(kind),
-                kinds.getEmergencyDecel(kind),
-                kinds.getMaxSpeedLat(kind),
-                self._model_of(kind),
-            )
+            kind: VehicleType(*(read(kind) for read in reads))
             for kind in kinds.getIDList()
             if kind not in ours and (not kind.startswith("DEFAULT_") or kind == traffic_id)
         }

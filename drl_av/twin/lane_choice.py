@@ -7,7 +7,7 @@ distance of the whole maneuver; the two are in ``notes``.
 import math
 
 from drl_av.compiled import borrowing, inlined
-from drl_av.twin.asking import CONGESTED_M_S, inform_follower, inform_leader
+from drl_av.twin.asking import inform_follower, inform_leader
 from drl_av.twin.following import EPS, STEP_S
 from drl_av.twin.lane_speeds import keep_behind, speed_gain_of, weigh_gains
 from drl_av.twin.lateral_room import (
@@ -55,7 +55,6 @@ from drl_av.twin.worlds import (
     MANEUVER_M,
     ON_REQUEST_ONLY,
     OVERLAPPING,
-    OVERTAKES_RIGHT,
     PREVIOUS_STATE,
     REASONS,
     REQUEST_END,
@@ -93,7 +92,7 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
     is_commanded = world.x[COMMANDED_M, i] != 0
     across_m = 0.0
     if side > 0:
-        stay_behind_on_left(world, i)
+        keep_behind(world, i)
     if side != 0:
         across_m = lane_side_distance(width_m, aside_m, side, net.lane_m)
         if own + side < net.first_open:
@@ -145,14 +144,6 @@ def wish(world: World, net: Net, i: int, side: int, sides: int) -> int:
 
 
 @inlined
-def stay_behind_on_left(world: World, i: int) -> None:
-    """Advise a driver above 60 km/h not to pass the one ahead in the left lane on its right."""
-    ahead = world.near[LEADER + 2]
-    if ahead >= 0 and world.x[SPEED_M_S, i] >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]:
-        keep_behind(world, i, ahead, world.notes[LEADER + 2])
-
-
-@inlined
 def gains_enough(world: World, net: Net, i: int, side: int, move_m: float) -> bool:
     """Return whether the gain of speed by the lateral move of ``weigh_gains`` makes a driver go.
 
@@ -196,7 +187,7 @@ def is_at_ease(world: World, net: Net, i: int, sides: int) -> bool:
 def move_for_speed(world: World, net: Net, i: int, side: int, sides: int) -> float:
     """Return the lateral move to a side by which a vehicle at ease gains enough, 0 without one."""
     if side > 0:
-        stay_behind_on_left(world, i)
+        keep_behind(world, i)
     move_m, _ = weigh_gains(world, net, i, side, sides)
     goes = not world.z[ON_REQUEST_ONLY, i] and gains_enough(world, net, i, side, move_m)
     return move_m if goes else 0.0

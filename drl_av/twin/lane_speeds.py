@@ -130,10 +130,9 @@ def needs_thought(world: World, net: Net, k: int) -> bool:
         return True
     if z[REQUEST_END, i] >= world.near[STEP] or x[THRESHOLD_LEFT, i] != math.inf:
         return True
-    own, speed, ahead = z[LANE, i], x[SPEED_M_S, i], world.near[LEADER + 2]
+    own, speed = z[LANE, i], x[SPEED_M_S, i]
     may_go_right = own > net.first_open and x[GAIN_RIGHT, i] == math.inf
-    if ahead >= 0 and speed >= CONGESTED_M_S and not world.near[OVERTAKES_RIGHT]:
-        keep_behind(world, i, ahead, world.notes[LEADER + 2])
+    keep_behind(world, i)
     if may_go_right and best_gain(world, i, 0, own) > GAIN_SEEN:
         j = world.near[LEADER]
         if j < 0:
@@ -176,12 +175,14 @@ def remember_gain(
 
 
 @inlined
-def keep_behind(world: World, i: int, j: int, gap_m: float) -> None:
-    """Advise a driver not to pass the vehicle ``j`` ahead in the left lane on its right."""
-    x = world.x
-    speed, its = x[SPEED_M_S, i], x[SPEED_M_S, j]
+def keep_behind(world: World, i: int) -> None:
+    """Advise a driver above 60 km/h not to pass the one ahead in the left lane on its right."""
+    x, j, speed = world.x, world.near[LEADER + 2], world.x[SPEED_M_S, i]
+    if j < 0 or speed < CONGESTED_M_S or world.near[OVERTAKES_RIGHT]:
+        return
+    its = x[SPEED_M_S, j]
     if its < speed or x[DESIRED_M_S, j] < x[DESIRED_M_S, i]:
-        safe = its_follow_speed(world, i, gap_m, its)
+        safe = its_follow_speed(world, i, world.notes[LEADER + 2], its)
         if safe < speed - MOST_BRAKING_M_S:
             safe = max(speed - MOST_BRAKING_M_S, its - HELP_M_S)
         advise(world, i, safe)

@@ -250,13 +250,12 @@ def check_blocking(
             break
     notes[SAFE_RIGHT], notes[SAFE_LEFT] = right, left
     near[BLOCKERS] = 0
+    notes[MOVE] = move_m
     if move_m < 0:
-        notes[MOVE] = move_m
         if right <= EPS:
             return BLOCKED_RIGHT | OVERLAPPING
         move_m = max(move_m, -right)
     else:
-        notes[MOVE] = move_m
         if left <= EPS:
             return BLOCKED_LEFT | OVERLAPPING
         move_m = min(move_m, left)

@@ -13,7 +13,7 @@ from drl_av.simulation.speed_requests import (
     LEFT_TO_SUMO,
     LOOK_AHEAD_M,
     limited_speed,
-    most_speed,
+    stoppable_speed,
     wished_speed,
 )
 from drl_av.twin.asking import its_follow_speed
@@ -239,12 +239,11 @@ def request_speeds(world: World, net: Net) -> None:
         if i == 0:
             continue
         j, gap_m = leader(world, net, k)
-        its = math.nan if j < 0 else x[SPEED_M_S, j]
         speed, wanted, acceleration = x[SPEED_M_S, i], x[WISH_M_S2, i], x[ACCELERATION_M_S2, i]
-        is_ours = not math.isnan(wanted)
-        fastest = speed + (max(wanted, 0.0) if is_ours else acceleration) * STEP_S
-        most = most_speed(gap_m, its, fastest, BRAKING_M_S2, STEP_S)
-        if not is_ours:
+        most = math.inf
+        if j >= 0:
+            most = stoppable_speed(gap_m, x[SPEED_M_S, j], BRAKING_M_S2, STEP_S)
+        if math.isnan(wanted):
             x[REQUESTED_M_S, i] = limited_speed(most, speed, acceleration, STEP_S)
         else:
             now, chosen = x[ACCELERATION_NOW_M_S2, i], x[CHOSEN_M_S, i]

@@ -41,7 +41,8 @@ TINY = ["-o", "simulation.decisions_per_episode=10"]
 
 def test_rows_come_by_vehicles_then_seed_then_driver() -> None:
     names = ["idm", "idm-sumo"]
-    rows = Evaluation(Setup(SHORT, find_drivers(names)), (3, 1), range(8, 10)).rows()
+    evaluation = Evaluation(Setup(SHORT, find_drivers(names)), (3, 1), range(8, 10))
+    rows = drive_episodes(evaluation.jobs)
     assert [(row.vehicles, row.seed, row.driver) for row in rows] == [
         (number, seed, name) for number in (3, 1) for seed in (8, 9) for name in names
     ]
@@ -79,7 +80,7 @@ def test_two_processes_drive_the_same_rows_in_the_same_order(tmp_path: Path) -> 
     run = run_folder(tmp_path / "run")
     specs = find_drivers([str(run), "idm-sumo", "random"])
     evaluation = Evaluation(Setup(SHORT, specs), (2, 20), range(5, 8))
-    one, two = list(evaluation.rows()), list(evaluation.rows(jobs=2))
+    one, two = (list(drive_episodes(evaluation.jobs, jobs)) for jobs in (1, 2))
     assert one == two
     assert len(one) == 18
 
@@ -89,7 +90,7 @@ def test_what_a_worker_process_raises_is_raised(tmp_path: Path) -> None:
     evaluation = Evaluation(Setup(SHORT, find_drivers([str(run)])), (2,), range(2))
     (run / "policy.safetensors").unlink()
     with pytest.raises(RunError, match="run holds no trained driver"):
-        list(evaluation.rows(jobs=2))
+        list(drive_episodes(evaluation.jobs, 2))
 
 
 def test_a_worker_that_is_killed_is_replaced_and_no_row_is_lost_or_doubled(

@@ -13,7 +13,6 @@ from runs import Capsys
 from drl_av.driving.actions import ACTIONS
 from drl_av.env.highway import HighwayEnv
 from drl_av.safety.check import Rule, Verdict
-from studies.results import ResultsFolder
 from verification import shielding
 from verification.shielding import Decided, PenalizedReward, greedy, main
 from verification.shielding_report import COLUMNS, over_seeds, section, table
@@ -72,7 +71,7 @@ def test_the_table_states_refused_actions_in_percent() -> None:
 
 
 def test_the_documentation_shows_what_is_there(tmp_path: Path) -> None:
-    assert section(ResultsFolder(tmp_path)) == "*The trainings have not been made yet.*"
+    assert section(tmp_path) == "*The trainings have not been made yet.*"
     # two trainings of one method: a line a stage that states how many there are
     rows = [row("masking", seed, 5000, reward, 0.0) for seed, reward in ((0, -0.2), (1, -0.4))]
     rows += [{**each, "stage": "final", "step": "10", "ego_hits": "1"} for each in rows]
@@ -80,7 +79,7 @@ def test_the_documentation_shows_what_is_there(tmp_path: Path) -> None:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    lines = section(ResultsFolder(tmp_path)).splitlines()
+    lines = section(tmp_path).splitlines()
     # mean -0.3, standard error 0.1, t(0.975, 1) = 12.706
     assert lines[2:] == [
         "| masking | training | 2 | -0.300 ± 1.271 | 25.00 ± 0.00 | 0.00 ± 0.00 | 0 |",

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from drl_av.evaluation.table import read_rows
 from drl_av.scenarios.folder import shipped_scenarios
-from studies.results import ResultsFolder
 from verification import stories
 
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "stories.csv"
 
 
 def test_the_committed_table_has_every_story_driver_and_check_once() -> None:
-    rows = ResultsFolder(RESULT.parent).rows(RESULT.name)
+    rows = read_rows(RESULT)
     found = [(row["story"], row["driver"], row["safety_check"]) for row in rows]
     asked = {(s, d, c) for s in stories.STORIES for d in stories.DRIVERS for c in stories.CHECKS}
     asked |= {
@@ -27,7 +27,7 @@ def test_idm_without_a_check_hits_the_stalled_vehicle_and_under_strict_stops_beh
     assert blind["collision"] == "ego hit the vehicle ahead"
     [checked] = stories.drive("stalled_vehicle", ["idm"], "strict")
     assert (checked["collision"], checked["decisions"]) == ("", 60)
-    kept_rows = ResultsFolder(RESULT.parent).rows(RESULT.name)
+    kept_rows = read_rows(RESULT)
     rows = {(r["driver"], r["safety_check"], r["story"]): r for r in kept_rows}
     for made in (blind, checked):
         kept = rows["idm", made["safety_check"], "stalled_vehicle"]
