@@ -23,6 +23,7 @@ logging.disable(logging.CRITICAL)
 SLOPE = 1e-3
 """The road is not quite parallel to x: ALongReq takes a direction of 0 for a missing one."""
 DT_S, MOMENTS = 0.1, 4
+STEADY = {"acceleration": 0.0, "yaw_rate": 0.0, "slip_angle": 0.0}
 CONFIG = CriMeConfiguration()
 
 
@@ -31,17 +32,8 @@ def vehicle(number: int, s_m: float, speed_m_s: float, length_m: float) -> Dynam
     states = []
     for moment in range(MOMENTS):
         x = s_m + speed_m_s * DT_S * moment
-        states.append(
-            {
-                "time_step": moment,
-                "position": np.array([x, SLOPE * x]),
-                "velocity": speed_m_s,
-                "orientation": SLOPE,
-                "acceleration": 0.0,
-                "yaw_rate": 0.0,
-                "slip_angle": 0.0,
-            }
-        )
+        place = {"time_step": moment, "position": np.array([x, SLOPE * x])}
+        states.append(place | {"velocity": speed_m_s, "orientation": SLOPE} | STEADY)
     later = [CustomState(**s, velocity_y=0.0, acceleration_y=0.0) for s in states[1:]]
     first = InitialState(**states[0])
     first.velocity_y = first.acceleration_y = 0.0

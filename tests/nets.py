@@ -127,15 +127,11 @@ def leaving(
     nodes += f'<node id="r1" x="{cuts[2] + 250}" y="{aside_m}"/>'
     nodes += f'<node id="r2" x="{cuts[2] + 450}" y="{4 * aside_m}"/>'
     form = '<edge id="{}" from="{}" to="{}" numLanes="{}" priority="9" speed="{}" width="3.5"/>'
-    edges = "".join(
-        form.format(*edge)
-        for edge in (
-            ("e0", "n0", "n1", lanes[0], 40),
-            ("e1", "n1", "n2", lanes[1], 36),
-            ("e2", "n2", "n3", lanes[2], 40),
-            ("off", "n2", "r1", lanes[3], 32),
-            ("away", "r1", "r2", 2, 10),
-        )
+    roads = (
+        *(("e0", "n0", "n1", lanes[0], 40), ("e1", "n1", "n2", lanes[1], 36)),
+        *(("e2", "n2", "n3", lanes[2], 40), ("off", "n2", "r1", lanes[3], 32)),
+        ("away", "r1", "r2", 2, 10),
     )
+    edges = "".join(form.format(*road) for road in roads)
     # the lanes inside the junction are as fast as the edges: each limit has one place
     return converted(folder, nodes, edges, ways, ["--junctions.limit-turn-speed", "-1"])

@@ -11,25 +11,9 @@ from programs import python
 
 PACKAGE = Path(__file__).parent.parent / "drl_av"
 ROOMS = (
-    "errors",
-    "compiled",
-    "random_streams",
-    "sumo_programs",
-    "config",
-    "files",
-    "road",
-    "driving",
-    "safety",
-    "scenarios",
-    "simulation",
-    "drivers",
-    "twin",
-    "drawing",
-    "env",
-    "learning",
-    "evaluation",
-    "cli",
-    "__main__",
+    *("errors", "compiled", "random_streams", "sumo_programs", "config", "files", "road"),
+    *("driving", "safety", "scenarios", "simulation", "drivers", "twin", "drawing", "env"),
+    *("learning", "evaluation", "cli", "__main__"),
 )
 """Each may import itself and those before it."""
 ONLY_IN = {

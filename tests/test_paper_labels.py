@@ -31,13 +31,7 @@ FIGURES = {
     "8": ("adaptation",),
 }
 SOURCES = (
-    "README.md",
-    "CHANGELOG.md",
-    "docs",
-    "drl_av",
-    "studies",
-    "verification",
-    "examples",
+    *("README.md", "CHANGELOG.md", "docs", "drl_av", "studies", "verification", "examples"),
     "tests/oracles",
 )
 NEAR = 130

@@ -124,11 +124,9 @@ def with_device(file: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("name", "seed", "vehicles", "circumference_m"),
     [
-        ("idm", 850_001, 30, 500.0),
-        ("idm-sumo", 850_003, 30, 500.0),
+        *(("idm", 850_001, 30, 500.0), ("idm-sumo", 850_003, 30, 500.0)),
         ("random", 850_004, 25, 500.0),
-        ("idm", 850_005, 20, 2000.0),
-        ("idm-sumo", 850_006, 30, 2000.0),
+        *(("idm", 850_005, 20, 2000.0), ("idm-sumo", 850_006, 30, 2000.0)),
     ],
 )
 def test_time_to_collision_and_drac_are_those_of_sumo_s_device_at_every_decision_that_it_sees(

@@ -75,17 +75,9 @@ def snapshot(
     """The ego at ``s_m``, ``y_m`` with others placed relative to it."""
     cars = (Car(0.0, y_m, speed_m_s, v_y), *others)
     offset_m, y, speed, lateral, length, width = np.array(cars, dtype=np.float64).T
-    return Snapshot(
-        time_s=time_s,
-        ids=("ego", *(f"vehicle{row}" for row in range(1, len(cars)))),
-        s_m=(s_m + offset_m) % road.lap_m,
-        y_m=y,
-        speed_m_s=speed,
-        lateral_speed_m_s=lateral,
-        length_m=length,
-        width_m=width,
-        sumo_lane_change=wish,
-    )
+    ids = ("ego", *(f"vehicle{row}" for row in range(1, len(cars))))
+    places_m = (s_m + offset_m) % road.lap_m
+    return Snapshot(time_s, ids, places_m, y, speed, lateral, length, width, wish)
 
 
 def scene(

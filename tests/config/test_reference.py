@@ -56,15 +56,11 @@ def test_a_meaning_goes_on_in_indented_lines_and_ends_with_its_source() -> None:
 @pytest.mark.parametrize(
     ("section", "key", "unit"),
     [
-        ("ego", "hard_brake_m_s2", "m/s²"),
-        ("ego", "max_speed_m_s", "m/s"),
-        ("ego", "acc_gap_gain_per_s", "1/s"),
-        ("finite_state", "gap_gain_per_s2", "1/s²"),
+        *(("ego", "hard_brake_m_s2", "m/s²"), ("ego", "max_speed_m_s", "m/s")),
+        *(("ego", "acc_gap_gain_per_s", "1/s"), ("finite_state", "gap_gain_per_s2", "1/s²")),
         ("ego", "max_curvature_per_m", "1/m"),
-        ("safety", "minimum_gap_m", "m"),
-        ("safety", "minimum_ttc_s", "s"),
-        ("learning", "episodes", ""),
-        ("learning", "mirrored", ""),
+        *(("safety", "minimum_gap_m", "m"), ("safety", "minimum_ttc_s", "s")),
+        *(("learning", "episodes", ""), ("learning", "mirrored", "")),
     ],
 )
 def test_the_unit_is_that_of_the_name(section: str, key: str, unit: str) -> None:

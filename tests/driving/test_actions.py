@@ -21,18 +21,12 @@ def test_what_is_no_action_is_refused_and_not_rounded(number: object) -> None:
 
 def test_the_twelve_decisions_are_numbered_lateral_first() -> None:
     assert [str(action) for action in ACTIONS] == [
-        "maintain, keep lane",
-        "accelerate, keep lane",
-        "brake, keep lane",
-        "hard brake, keep lane",
-        "maintain, change right",
-        "accelerate, change right",
-        "brake, change right",
-        "hard brake, change right",
-        "maintain, change left",
-        "accelerate, change left",
-        "brake, change left",
-        "hard brake, change left",
+        *("maintain, keep lane", "accelerate, keep lane"),
+        *("brake, keep lane", "hard brake, keep lane"),
+        *("maintain, change right", "accelerate, change right"),
+        *("brake, change right", "hard brake, change right"),
+        *("maintain, change left", "accelerate, change left"),
+        *("brake, change left", "hard brake, change left"),
     ]
 
 

@@ -93,11 +93,9 @@ def test_steering_decides_what_is_in_progress() -> None:
     [
         (20.0, Longitudinal.MAINTAIN, [20.0, 20.0]),
         (20.0, Longitudinal.ACCELERATE, [21.0, 22.0]),
-        (20.0, Longitudinal.BRAKE, [19.0, 18.0]),
-        (20.0, Longitudinal.HARD_BRAKE, [18.0, 16.0]),
+        *((20.0, Longitudinal.BRAKE, [19.0, 18.0]), (20.0, Longitudinal.HARD_BRAKE, [18.0, 16.0])),
         (29.5, Longitudinal.ACCELERATE, [30.0, 30.0]),
-        (1.0, Longitudinal.BRAKE, [0.0, 0.0]),
-        (3.0, Longitudinal.HARD_BRAKE, [1.0, 0.0]),
+        *((1.0, Longitudinal.BRAKE, [0.0, 0.0]), (3.0, Longitudinal.HARD_BRAKE, [1.0, 0.0])),
     ],
 )
 def test_speed_follows_the_acceleration_step_by_step_between_standstill_and_30_m_s(

@@ -14,7 +14,6 @@ from drl_av.driving.mirror import MIRROR
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.road.road import Road
-from drl_av.road.snapshot import Snapshot
 from drl_av.safety.paper import paper
 
 WIDTH_M = 7.6
@@ -24,16 +23,10 @@ WIDTH_M = 7.6
 def mirrored(world: Scene) -> Scene:
     """The same scene on a road whose right is its left; worked out from the snapshot."""
     shot = world.snapshot
-    swapped = Snapshot(
-        shot.time_s,
-        shot.ids,
-        shot.s_m,
-        WIDTH_M - shot.y_m,
-        shot.speed_m_s,
-        -shot.lateral_speed_m_s,
-        shot.length_m,
-        shot.width_m,
-        -(shot.sumo_lane_change or 0),
+    swapped = shot._replace(
+        y_m=WIDTH_M - shot.y_m,
+        lateral_speed_m_s=-shot.lateral_speed_m_s,
+        sumo_lane_change=-(shot.sumo_lane_change or 0),
     )
     running = world.lane_change
     if running is not None:

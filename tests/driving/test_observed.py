@@ -18,12 +18,9 @@ def seen(before: Scene, y_m: float, speed_m_s: float = 20.0) -> tuple[Action, La
 @pytest.mark.parametrize(
     ("acceleration_m_s2", "action"),
     [
-        (9.0, Longitudinal.ACCELERATE),
-        (1.1, Longitudinal.ACCELERATE),
-        (1.0, MAINTAIN),
-        (-0.9, MAINTAIN),
-        (-2.9, Longitudinal.BRAKE),
-        (-3.1, Longitudinal.HARD_BRAKE),
+        *((9.0, Longitudinal.ACCELERATE), (1.1, Longitudinal.ACCELERATE)),
+        *((1.0, MAINTAIN), (-0.9, MAINTAIN)),
+        *((-2.9, Longitudinal.BRAKE), (-3.1, Longitudinal.HARD_BRAKE)),
     ],
 )
 def test_the_nearest_action(acceleration_m_s2: float, action: Longitudinal) -> None:

@@ -71,29 +71,16 @@ def test_a_row_of_three_decisions_worked_out_by_hand() -> None:
     )
     # in the order of the published tables
     assert [*asdict(done).items()] == [
-        ("driver", "idm"),
-        ("safety_check", "paper"),
-        ("vehicles", 7),
-        ("seed", 42),
-        ("decisions", 3),
-        ("mean_speed_m_s", pytest.approx((20 + 18 + 14) / 3)),
-        ("mean_reward", pytest.approx(-0.35)),
-        ("mean_r_v", pytest.approx(-0.4)),
-        ("mean_r_y", pytest.approx(-1.1 / 3)),
-        ("mean_r_x", pytest.approx(-0.85 / 3)),
-        ("collided", False),
-        ("ego_hit", False),
-        ("collision", ""),
-        ("safety_triggers", 1),
-        ("lane_changes", 0),
-        ("aborted_lane_changes", 1),
+        *(("driver", "idm"), ("safety_check", "paper"), ("vehicles", 7), ("seed", 42)),
+        *(("decisions", 3), ("mean_speed_m_s", pytest.approx((20 + 18 + 14) / 3))),
+        *(("mean_reward", pytest.approx(-0.35)), ("mean_r_v", pytest.approx(-0.4))),
+        *(("mean_r_y", pytest.approx(-1.1 / 3)), ("mean_r_x", pytest.approx(-0.85 / 3))),
+        *(("collided", False), ("ego_hit", False), ("collision", "")),
+        *(("safety_triggers", 1), ("lane_changes", 0), ("aborted_lane_changes", 1)),
         ("min_ttc_s", pytest.approx(24 / 5)),  # then 20 / 3, then none: the gap opens
         ("min_headway_s", pytest.approx(20 / 18)),  # 24 / 20 before, 21 / 14 after
-        ("hard_brakes", 1),
-        ("d_safe_violations", 2),
-        ("way", ""),
-        ("world", "sumo"),
-        ("group", ""),
+        *(("hard_brakes", 1), ("d_safe_violations", 2)),
+        *(("way", ""), ("world", "sumo"), ("group", "")),
     ]
 
 
@@ -191,11 +178,9 @@ def test_an_ego_that_stands_has_no_time_headway() -> None:
 @pytest.mark.parametrize(
     ("kind", "ego_hit"),
     [
-        (CollisionKind.HIT_AHEAD, True),
-        (CollisionKind.HIT_BESIDE, True),
+        *((CollisionKind.HIT_AHEAD, True), (CollisionKind.HIT_BESIDE, True)),
         (CollisionKind.HIT_EDGE, True),
-        (CollisionKind.HIT_FROM_BEHIND, False),
-        (CollisionKind.HIT_FROM_BESIDE, False),
+        *((CollisionKind.HIT_FROM_BEHIND, False), (CollisionKind.HIT_FROM_BESIDE, False)),
     ],
 )
 def test_a_collision_says_who_hit_whom(kind: CollisionKind, ego_hit: bool) -> None:

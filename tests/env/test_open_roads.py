@@ -142,10 +142,8 @@ def test_ego_that_crosses_the_divider_of_the_ramp_hits_the_edge(place: Place) ->
 @pytest.mark.parametrize(
     ("driver", "kind", "decisions"),
     [
-        ("gap-mobil", "merge", 12),
-        ("sumo", "merge", 12),
-        ("idm", "exit", 24),
-        ("sumo", "exit", 27),
+        *(("gap-mobil", "merge", 12), ("sumo", "merge", 12)),
+        *(("idm", "exit", 24), ("sumo", "exit", 27)),
         ("gap-mobil", "ramp_to_ramp", 12),
     ],
 )

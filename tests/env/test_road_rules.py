@@ -42,12 +42,7 @@ from drl_av.scenarios.road_description import PlacedVehicle
 SLOW = (SpeedLimit(0.0, 500.0, 30.0), SpeedLimit(500.0, 600.0, 8.0), SpeedLimit(600.0, 900.0, 30.0))
 LINES = (ForbiddenLine(0, 1, 100.0, 300.0), ForbiddenLine(1, -1, 100.0, 300.0))
 ROAD = Road(
-    OPEN_LAP_M,
-    3.5,
-    (True, True, True),
-    900.0,
-    speed_limits=(SLOW, SLOW[:1], SLOW),
-    forbidden_lines=LINES,
+    OPEN_LAP_M, 3.5, (True,) * 3, 900.0, speed_limits=(SLOW, SLOW[:1], SLOW), forbidden_lines=LINES
 )
 
 

@@ -176,15 +176,11 @@ def test_a_table_that_windows_wrote_is_read(saved: Path) -> None:
 @pytest.mark.parametrize(
     "changed",
     [
-        {"settings": {}},
-        {"settings": {"paper": 5}},
+        *({"settings": {}}, {"settings": {"paper": 5}}),
         {"settings": {"paper": {"wings": {"number": 2}}}},
         {"settings": {"simulation": {"step_length_s": float("nan")}}},
-        {"policies_sha256": 7},
-        {"custom": 7},
-        {"before": 7},
-        {"wall_time_s": float("inf")},
-        {"wall_time_s": -1.0},
+        *({"policies_sha256": 7}, {"custom": 7}, {"before": 7}),
+        *({"wall_time_s": float("inf")}, {"wall_time_s": -1.0}),
         {"wall_time_s": {"paper-0": "long"}},
         *({"settings": "lost"}, {"wall_time_s": "lost"}),
     ],

@@ -50,15 +50,13 @@ def kind(shot: Snapshot, road: Road = ROAD, step_s: float = STEP_S) -> Collision
 
 def test_ego_at_30_comes_right_through_a_standing_vehicle_within_a_step() -> None:
     # it moves 15 m: from 4 m behind, bumper to bumper, to 1 m before the other's front bumper
-    assert collision(snapshot(ahead(4.0, speed_m_s=0.0), speed_m_s=30.0)) == Collision(
-        CollisionKind.HIT_AHEAD, "vehicle1"
-    )
+    found = collision(snapshot(ahead(4.0, speed_m_s=0.0), speed_m_s=30.0))
+    assert found == Collision(CollisionKind.HIT_AHEAD, "vehicle1")
 
 
 def test_a_vehicle_at_30_comes_right_through_the_standing_ego() -> None:
-    assert collision(snapshot(behind(4.0, speed_m_s=30.0), speed_m_s=0.0)) == Collision(
-        CollisionKind.HIT_FROM_BEHIND, "vehicle1"
-    )
+    found = collision(snapshot(behind(4.0, speed_m_s=30.0), speed_m_s=0.0))
+    assert found == Collision(CollisionKind.HIT_FROM_BEHIND, "vehicle1")
 
 
 def test_20_m_s_faster_ego_touches_one_9_99_m_ahead_within_half_a_second_and_none_at_10_m() -> None:

@@ -80,24 +80,14 @@ def test_the_reaches_at_20_m_s_are_those_worked_by_hand(how: Longitudinal, reach
     ("ahead_m_s", "gap", "executed"),
     [
         # at 20 m/s it rolls 45 m: 76.5 + 0.5 - 45 is 32, and 20.5, 10 and 0.5 likewise
-        (20.0, 32.01, ACCELERATE),
-        (20.0, 31.99, MAINTAIN),
-        (20.0, 20.51, MAINTAIN),
-        (20.0, 20.49, BRAKE),
-        (20.0, 10.01, BRAKE),
-        (20.0, 9.99, HARD_BRAKE),
+        *((20.0, 32.01, ACCELERATE), (20.0, 31.99, MAINTAIN), (20.0, 20.51, MAINTAIN)),
+        *((20.0, 20.49, BRAKE), (20.0, 10.01, BRAKE), (20.0, 9.99, HARD_BRAKE)),
         # at 10 m/s it rolls 8 + 6 + 4 + 2 m for half a second each, 10 m
-        (10.0, 67.01, ACCELERATE),
-        (10.0, 66.99, MAINTAIN),
-        (10.0, 45.01, BRAKE),
-        (10.0, 44.99, HARD_BRAKE),
+        *((10.0, 67.01, ACCELERATE), (10.0, 66.99, MAINTAIN)),
+        *((10.0, 45.01, BRAKE), (10.0, 44.99, HARD_BRAKE)),
         # it stands
-        (0.0, 77.01, ACCELERATE),
-        (0.0, 76.99, MAINTAIN),
-        (0.0, 65.51, MAINTAIN),
-        (0.0, 65.49, BRAKE),
-        (0.0, 55.01, BRAKE),
-        (0.0, 54.99, HARD_BRAKE),
+        *((0.0, 77.01, ACCELERATE), (0.0, 76.99, MAINTAIN), (0.0, 65.51, MAINTAIN)),
+        *((0.0, 65.49, BRAKE), (0.0, 55.01, BRAKE), (0.0, 54.99, HARD_BRAKE)),
         # at 30 m/s it rolls 105 m, more than any reach: even 0.51 m would do
         (30.0, 0.51, ACCELERATE),
     ],

@@ -196,15 +196,11 @@ def test_a_bend_up_to_the_exit_limits_the_lanes_that_go_straight_on(tmp_path: Pa
     nodes += '<node id="n2" x="900" y="100"/><node id="n3" x="900" y="700"/>'
     nodes += '<node id="r1" x="950" y="400"/>'
     form = '<edge id="{}" from="{}" to="{}" numLanes="{}" speed="36" priority="9" {}/>'
-    edges = "".join(
-        form.format(*each)
-        for each in (
-            ("e0", "n0", "n1", 3, ""),
-            ("e1", "n1", "n2", 4, f'shape="{shape}"'),
-            ("e2", "n2", "n3", 3, ""),
-            ("off", "n2", "r1", 1, ""),
-        )
+    roads = (
+        *(("e0", "n0", "n1", 3, ""), ("e1", "n1", "n2", 4, f'shape="{shape}"')),
+        *(("e2", "n2", "n3", 3, ""), ("off", "n2", "r1", 1, "")),
     )
+    edges = "".join(form.format(*each) for each in roads)
     own = converted(tmp_path, nodes, edges, LEAVING_WAYS[:7])
     plan = off(own, "off").plan()
     # also inside the junction behind e1, and on the road that is added there
@@ -265,10 +261,8 @@ def test_an_exit_that_cannot_be_driven_is_refused_in_one_sentence(
 @pytest.mark.parametrize(
     ("length_m", "line"),
     [
-        (3.0, [(0, 0), (3, 0)]),
-        (4.0, [(0, 0), (4, 0)]),
-        (6.0, [(0, 0), (4, 0), (4, 2)]),
-        (8.0, [(0, 0), (4, 0), (4, 3), (4, 4)]),
+        *((3.0, [(0, 0), (3, 0)]), (4.0, [(0, 0), (4, 0)])),
+        *((6.0, [(0, 0), (4, 0), (4, 2)]), (8.0, [(0, 0), (4, 0), (4, 3), (4, 4)])),
     ],
 )
 def test_a_line_is_cut_or_goes_straight_on(length_m: float, line: Sequence[Any]) -> None:

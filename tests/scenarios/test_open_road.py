@@ -28,15 +28,11 @@ def test_distances_on_an_open_road_go_along_it_and_never_round() -> None:
     ("road", "s_m", "lanes"),
     [
         (MERGE, 399.0, [1, 2, 3]),  # before the ramp
-        (MERGE, 400.0, [0, 1, 2, 3]),
-        (MERGE, 799.9, [0, 1, 2, 3]),
-        (MERGE, 800.0, [1, 2, 3]),
-        (EXIT, 899.0, [1, 2, 3]),
+        *((MERGE, 400.0, [0, 1, 2, 3]), (MERGE, 799.9, [0, 1, 2, 3])),
+        *((MERGE, 800.0, [1, 2, 3]), (EXIT, 899.0, [1, 2, 3])),
         (EXIT, 5000.0, [0, 1, 2, 3]),  # the off-ramp does not end
-        (ROAD, 5000.0, [0, 1, 2]),
-        (NARROWING, 799.0, [0, 1, 2, 3, 4]),
-        (NARROWING, 899.0, [2, 3, 4]),
-        (NARROWING, 900.0, [2, 3]),
+        *((ROAD, 5000.0, [0, 1, 2]), (NARROWING, 799.0, [0, 1, 2, 3, 4])),
+        *((NARROWING, 899.0, [2, 3, 4]), (NARROWING, 900.0, [2, 3])),
         (NARROWING, 1000.0, [2, 3, 4]),
     ],
 )

@@ -52,14 +52,10 @@ BEHIND = (100.0, 3.8, 20.0)
     [
         # at most 21 m/s at the end of the step, from which it stops in 21^2/8 + 21/4 = 60.375 m;
         # the vehicle ahead brakes from 20 m/s to a standstill within 20^2/8 - 20/4 = 45 m
-        (15.4, 3.8, 20.0, True),
-        (15.6, 3.8, 20.0, False),
-        (60.4, 3.8, 0.0, True),
-        (60.6, 3.8, 0.0, False),
-        (5.0, 7.6, 0.0, False),
-        (5.0, 7.6 - 1.1, 0.0, True),
-        (5.0, 7.6 - 0.8, 0.0, False),
-        (5.0, 0.7, 0.0, False),
+        *((15.4, 3.8, 20.0, True), (15.6, 3.8, 20.0, False)),
+        *((60.4, 3.8, 0.0, True), (60.6, 3.8, 0.0, False)),
+        *((5.0, 7.6, 0.0, False), (5.0, 7.6 - 1.1, 0.0, True)),
+        *((5.0, 7.6 - 0.8, 0.0, False), (5.0, 0.7, 0.0, False)),
     ],
     ids=[
         *("as fast", "as fast, farther", "standing", "standing, farther"),

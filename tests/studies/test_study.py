@@ -179,15 +179,11 @@ def test_settings_of_the_user_reach_all_drivers_of_every_kind_of_traffic() -> No
 @pytest.mark.parametrize(
     ("name", "setting"),
     [
-        ("check", 'safety.check="strict"'),
-        ("curves", 'safety.check="strict"'),
-        ("curves", 'learning.replay="uniform"'),
-        ("curves", "learning.seed=7"),
+        *(("check", 'safety.check="strict"'), ("curves", 'safety.check="strict"')),
+        *(("curves", 'learning.replay="uniform"'), ("curves", "learning.seed=7")),
         ("straight", 'simulation.scenario="merge"'),
-        ("opponents", 'traffic.kind="calm"'),
-        ("own_traffic", 'traffic.kind="calm"'),
-        ("adaptation", 'traffic.kind="calm"'),
-        ("barricade", 'safety.check="strict"'),
+        *(("opponents", 'traffic.kind="calm"'), ("own_traffic", 'traffic.kind="calm"')),
+        *(("adaptation", 'traffic.kind="calm"'), ("barricade", 'safety.check="strict"')),
     ],
 )
 def test_a_setting_that_a_study_sets_itself_is_refused(name: str, setting: str) -> None:

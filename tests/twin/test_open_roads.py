@@ -55,12 +55,9 @@ CALM = Config().with_traffic("calm")
 @pytest.mark.parametrize(
     ("road", "traffic", "seed", "decisions"),
     [
-        ("straight", "calm", 7, 95),
-        ("straight", "overtaking", 16, 98),
-        ("merge", "calm", 12, 75),
-        ("merge", "overtaking", 24, 44),
-        ("exit", "calm", 4, 50),
-        ("ramp_to_ramp", "calm", 13, 68),
+        *(("straight", "calm", 7, 95), ("straight", "overtaking", 16, 98)),
+        *(("merge", "calm", 12, 75), ("merge", "overtaking", 24, 44)),
+        *(("exit", "calm", 4, 50), ("ramp_to_ramp", "calm", 13, 68)),
     ],
 )
 def test_an_episode_is_the_same_as_in_sumo(

@@ -285,14 +285,8 @@ def test_a_scene_of_the_twin_is_a_scene_for_any_driver() -> None:
 
 
 OTHER_SHAPES = (
-    [0],
-    [[0, 0]],
-    [[0], [1, 2]],
-    [True],
-    "abc",
-    5,
-    np.ones(5, bool),
-    np.ones((3, 2), bool),
+    *([0], [[0, 0]], [[0], [1, 2]], [True], "abc", 5),
+    *(np.ones(5, bool), np.ones((3, 2), bool)),
 )
 
 

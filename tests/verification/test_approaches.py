@@ -13,12 +13,8 @@ from verification.families import placed
 @pytest.mark.parametrize(
     ("plant", "road", "step_s"),
     [
-        ("kinematic", "loop", 1.0),
-        ("kinematic", "straight", 0.5),
-        ("kinematic", "loop", 0.25),
-        ("steering", "straight", 1.0),
-        ("steering", "loop", 0.5),
-        ("steering", "straight", 0.25),
+        *(("kinematic", "loop", 1.0), ("kinematic", "straight", 0.5), ("kinematic", "loop", 0.25)),
+        *(("steering", "straight", 1.0), ("steering", "loop", 0.5), ("steering", "straight", 0.25)),
     ],
 )
 def test_sumo_and_the_simulator_agree_on_random_approaches(

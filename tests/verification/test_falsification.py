@@ -57,10 +57,8 @@ def test_a_check_of_the_user_begins_where_strict_and_the_paper_could_still_prote
 @pytest.mark.parametrize(
     ("check", "hits", "status"),
     [
-        ("my_check:mine", (0, 2), 1),
-        ("my_check:mine", (0, 0), 0),
-        ("strict", (1, 0), 1),
-        ("paper", (5, 5), 0),
+        *(("my_check:mine", (0, 2), 1), ("my_check:mine", (0, 0), 0)),
+        *(("strict", (1, 0), 1), ("paper", (5, 5), 0)),
     ],
 )
 def test_an_ego_that_is_hit_counts_as_one_that_hits(
