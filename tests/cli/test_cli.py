@@ -26,7 +26,7 @@ VERBS = {
     "evaluate": ["default: 1 5 10 15 20 25 30", "default: 50", "default: 0", "default: 1)", "idm"],
     "adapt": ["default: 30000", "default: 1e-05", "0 drives without", "default: the RUN's", "TOML"],
     "replay": ["number, or 15", "multiple of real time (default: 2)", "one per second", "200"],
-    "export": ["pretrained (the shipped driver)", "FILE.onnx"],
+    "export": ["or a driver that ships", "FILE.onnx"],
     "config": ["simulation, traffic", "default: paper", "default: all"],
     "figures": ["tables of evaluate", "default: ."],
 }
