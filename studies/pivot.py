@@ -150,6 +150,8 @@ class Pivot:
         units = self.spec.get("units")
         if units is None or own[units].nunique() < 2 or "text" in spec:
             return measure(spec, own, other, units)
+        if "iqm" in spec or "improvement" in spec:
+            raise DrlAvError(f"The measure {spec} is one of episodes: leave units out.")
         found = [measure(spec, each, other) for _, each in own.groupby(units, sort=False)]
         return mean_with_interval(each.value for each in found if isinstance(each, Mean))
 
@@ -234,10 +236,9 @@ def values_of(rows: Frame, column: str) -> list[Any]:
 
 
 def _strata(rows: Frame, column: str) -> list[Any]:
-    return [
-        own.to_numpy()
-        for _, own in rows.sort_values("seed", kind="stable").groupby("vehicles")[column]
-    ]
+    names = [name for name in ("traffic", "vehicles") if name in rows]
+    ordered = rows.sort_values("seed", kind="stable")
+    return [own.to_numpy() for _, own in ordered.groupby(names)[column]]
 
 
 def traffic_of(rows: Frame) -> list[str]:

@@ -116,15 +116,17 @@ def leaving(
     ways: Sequence[str] = LEAVING_WAYS,
     lanes: Sequence[int] = (3, 4, 3, 1),
     aside_m: float = -90.0,
+    ramp_m: float = 250.0,
 ) -> Path:
     """A motorway e0, e1, e2 that the edges off and away leave; beside e1 lies the exit's lane.
 
     ``before_m`` and ``beside_m`` are the lengths of e0 and e1, ``lanes`` the numbers of lanes of
-    e0, e1, e2 and off. The off-ramp leads to the right, or to the left if ``aside_m`` is positive.
+    e0, e1, e2 and off. The off-ramp leads to the right, or to the left if ``aside_m`` is positive;
+    ``ramp_m`` is how far off goes.
     """
     cuts = [0.0, before_m, before_m + beside_m, before_m + beside_m + 600.0]
     nodes = "".join(f'<node id="n{k}" x="{x_m}" y="0"/>' for k, x_m in enumerate(cuts))
-    nodes += f'<node id="r1" x="{cuts[2] + 250}" y="{aside_m}"/>'
+    nodes += f'<node id="r1" x="{cuts[2] + ramp_m}" y="{aside_m}"/>'
     nodes += f'<node id="r2" x="{cuts[2] + 450}" y="{4 * aside_m}"/>'
     form = '<edge id="{}" from="{}" to="{}" numLanes="{}" priority="9" speed="{}" width="3.5"/>'
     roads = (

@@ -74,19 +74,20 @@ def compared(bounds: str, tests: int, adversaries: int, seed: int) -> list[dict[
         "nothing": nothing,
     }
     outcomes = {name: driven(config, check, tests, seed) for name, check in checks.items()}
-    base = outcomes["strict"].km
+    base = outcomes["strict"]
     return [row(bounds, name, found, base) for name, found in outcomes.items()]
 
 
-def row(bounds: str, name: str, found: Outcome, base_km: np.ndarray) -> dict[str, Any]:
-    """Return the row of one check; ``base_km`` is the distance under ``strict``, km, (tests,).
+def row(bounds: str, name: str, found: Outcome, base: Outcome) -> dict[str, Any]:
+    """Return the row of one check; ``base`` are the same tests under ``strict``.
 
     The speed does not include tests with a collision, because a collision ends a test early.
     """
-    whole_tests = found.ego_hit + found.was_hit == 0
-    gain = mean_with_interval(100 * (found.km - base_km)[whole_tests] / base_km.mean())
+    whole_tests, both = (each.ego_hit + each.was_hit == 0 for each in (found, base))
+    both &= whole_tests
+    gain = mean_with_interval(100 * (found.km - base.km)[both] / base.km[both].mean())
     return {
-        **{"bounds": bounds, "check": name, "tests": len(base_km)},
+        **{"bounds": bounds, "check": name, "tests": len(base.km)},
         "mean_speed_m_s": f"{1000 * found.km[whole_tests].mean() / SECONDS:.2f}",
         "gain_percent": str(gain),
         **{"ego_hit": int(found.ego_hit.sum()), "was_hit": int(found.was_hit.sum())},

@@ -286,7 +286,7 @@ def _run(
     verb: str, run: "Run", training: "Training", options: argparse.Namespace, rival: str
 ) -> int:
     """Train to the end or a stop, and print what to do next; return the exit status."""
-    words = ["drl-av", verb, "--out", str(run.folder), "--resume", *_parts(options)]
+    words = ["drl-av", verb, f"--out={run.folder}", "--resume", *_parts(options)]
     again = shlex.join([*words, "--tensorboard"] if options.tensorboard else words)
     try:
         finished = _watch(verb, run, training, options.tensorboard)

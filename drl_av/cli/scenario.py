@@ -2,7 +2,7 @@
 
 import argparse
 import shlex
-from dataclasses import Field, fields, replace
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,7 @@ def scenario(options: argparse.Namespace) -> int:
             )
     lists = {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
     given |= lists
-    described = replace(source, **given) if source else ROAD_TYPES[kind](**given)
+    described = source.updated(**given) if source else ROAD_TYPES[kind](**given)
     write_scenario(options.folder, described)
     command = shlex.join(["sumo-gui", "-c", str(options.folder / "highway.sumocfg")])
     print(f"{options.folder}: open it with {command}")

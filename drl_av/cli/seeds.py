@@ -131,7 +131,7 @@ def group_of(folder: Path) -> str:
     """Return the word by which ``evaluate`` finds the trainings in a folder, ``NAME=PATTERN``."""
     from drl_av.drivers.registry import driver_names
 
-    name = re.sub(r"[^\w.-]", "_", folder.absolute().name)
+    name = re.sub(r"[^\w.-]|^-", "_", folder.absolute().name)
     if name in driver_names():
         name += "-seeds"
     return f"{name}={Path(glob.escape(str(folder))) / 'seed-*'}"

@@ -38,7 +38,7 @@ def mirror_of(names: Sequence[str]) -> Mirror:
     )
 
 
-_LATERAL = ("d_y", "v_y", "lane_change", "way_changes")
+_LATERAL = ("d_y", "v_y", "lane_change", "lane_change_rest", "way_changes")
 """The endings of the names of lateral indicators."""
 
 

@@ -66,22 +66,22 @@ def most_decisions(config: Config, layout: Layout) -> int:
     """Return the largest number of decisions in an episode (ours).
 
     It is ``decisions_per_episode``. If that is not below its default, N_s, and the ego has an exit,
-    it is at least the number of decisions that the way takes at half the ego's largest speed. If it
-    is below, and the way takes more at the largest speed, a warning says so.
+    it is at least twice the number of decisions that the way takes at the ego's largest speed, or
+    at lower speed limits. If it is below, and the way takes more, a warning says so.
     """
     timing, start = config.simulation, layout.start
     most = timing.decisions_per_episode
     if start is None or layout.road.exit_m == math.inf:
         return most
-    way_m = layout.road.end_m - start.ego_front_m
-    fast_m = config.ego.max_speed_m_s * timing.decision_interval_s
+    way_s = start.travel_s(start.ego_front_m, layout.road.end_m, config.ego.max_speed_m_s)
+    needed = way_s / timing.decision_interval_s
     if most >= DECISIONS:
-        return max(most, math.ceil(2 * way_m / fast_m))
-    if way_m > most * fast_m:
+        return max(most, math.ceil(2 * needed))
+    if needed > most:
         warn(
-            f"The ego cannot take its exit: its way has {way_m:.0f} m, but in {most} decisions it "
-            f"drives at most {most * fast_m:.0f} m: set simulation.decisions_per_episode to "
-            f"{DECISIONS}, with which an episode is as long as the way needs."
+            f"The ego cannot take its exit: its way takes {math.ceil(needed)} decisions, but an "
+            f"episode has {most}: set simulation.decisions_per_episode to {DECISIONS}, with which "
+            "an episode is as long as the way needs."
         )
     return most
 

@@ -236,8 +236,6 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             SimulationError: SUMO ended unexpectedly.
         """
         made = self.execute(action)
-        self._speed_sum_m_s += float(self.indicators[24])
-        self._triggers += made.triggered
         over = made.truncated and not made.terminated
         info = self._info(made.route_outcome) | {
             "is_success": over and made.route_outcome in ("", *COMPLETE),
@@ -292,6 +290,8 @@ class HighwayEnv(gymnasium.Env[Observation, np.int64], gymnasium.utils.EzPickle)
             self._route.outcome(self.scene.indicators, over),
             self._route.misses_exit(self.scene.indicators),
         )
+        self._speed_sum_m_s += float(self.indicators[24])
+        self._triggers += self.transition.triggered
         if self._own_reward is not None:
             reward = custom_reward(self._own_reward, self.transition)
             self.transition = self.transition._replace(reward=reward)

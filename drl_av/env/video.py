@@ -175,8 +175,10 @@ class RecordVideo(
 
     def close(self) -> None:
         """Write the film of an unfinished episode, if there is one, and close the environment."""
-        self._write()
-        self.env.close()
+        try:
+            self._write()
+        finally:
+            self.env.close()
 
     def _write(self) -> None:
         film, self._film = self._film, None

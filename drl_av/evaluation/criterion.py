@@ -28,8 +28,8 @@ class Interval(NamedTuple):
 
     def __str__(self) -> str:
         if math.isinf(self.low):
-            return f"{self.value:+.2f} [one episode]"
-        return f"{self.value:+.2f} [{self.low:.2f}, {self.high:.2f}]"
+            return f"{self.value:+z.2f} [one seed]"
+        return f"{self.value:+z.2f} [{self.low:z.2f}, {self.high:z.2f}]"
 
 
 class Criterion(NamedTuple):
@@ -53,7 +53,7 @@ class Criterion(NamedTuple):
             value, low, high = self.difference
             figures = (
                 f"{self.ours:.0f} against {self.theirs:.0f} episodes of {self.over}, "
-                f"{value:+.1f} [{low:.1f}, {high:.1f}] %"
+                f"{value:+z.1f} [{low:z.1f}, {high:z.1f}] %"
             )
         return f"{self.name}: {self.result}, {figures}"
 

@@ -49,7 +49,7 @@ class Mean(NamedTuple):
         """Return both numbers in this form, by default .2f; of an infinite half-width the mean."""
         form = form or ".2f"
         interval = f" ± {self.half_width:{form}}" if math.isfinite(self.half_width) else ""
-        return f"{self.value:{form}}{interval}"
+        return f"{self.value:z{form}}{interval}"
 
 
 def mean_with_interval(values: Iterable[float], seeds: Iterable[int] | None = None) -> Mean:

@@ -42,7 +42,7 @@ class CustomVehicleType:
     width_m: float = field(metadata={"low": WIDTHS_M[0], "high": WIDTHS_M[1]})
     car_following_model: str = setting("IDM", choices=tuple(CAR_FOLLOWING_MODELS))
     """One of ``CAR_FOLLOWING_MODELS``."""
-    acceleration_m_s2: float | None = setting(None, low=0.1, high=20.0)
+    acceleration_m_s2: float | None = setting(None, low=0.1, high=10.0)
     """SUMO's accel; None draws it for each vehicle, like the next three."""
     top_speed_m_s: float | None = setting(None, low=0.1, high=100.0)
     """The highest speed; a lower desired speed that is drawn for a vehicle remains."""

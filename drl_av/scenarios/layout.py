@@ -36,6 +36,15 @@ class OpenStart(NamedTuple):
     """The speed limits of ``lanes``, in driving order without gaps. Empty if the road has one
     limit, which no setting may exceed."""
 
+    def travel_s(self, begin_m: float, end_m: float, speed_m_s: float) -> float:
+        """Return the time of a drive at a speed, or at the limits that are lower, seconds."""
+        limits = self.speed_limits or (SpeedLimit(begin_m, end_m, speed_m_s),)
+        return sum(
+            max(min(one.end_m, end_m) - max(one.begin_m, begin_m), 0.0)
+            / min(one.limit_m_s, speed_m_s)
+            for one in limits
+        )
+
 
 class Edge(NamedTuple):
     """A part of a road that has the same lanes from its beginning to its end."""

@@ -5,10 +5,10 @@ import re
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable
-from dataclasses import Field, asdict, dataclass, field, fields
+from dataclasses import Field, asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import tomli_w
 
@@ -197,6 +197,10 @@ class RoadDescription(ABC):
     def additional(self) -> dict[str, ET.Element]:
         """Return {file name: root element} of more files that SUMO loads before its vehicles."""
         return {}
+
+    def updated(self, **given: Any) -> Self:
+        """Return the description with other settings."""
+        return replace(self, **given)
 
     def to_toml(self) -> str:
         """Return the description as TOML text, without its kind; ``from_toml`` reads it back."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from drl_av.config import Config
 from drl_av.config.traffic import SUMO_ALONE
 from drl_av.errors import ConfigError, ScenarioError
-from drl_av.road.road import CENTERED_M, FloatArray
+from drl_av.road.road import CENTERED_M, LANE_CHANGE_S, FloatArray
 from drl_av.road.snapshot import EGO, EGO_ID
 from drl_av.scenarios.custom_vehicle_types import draw_types
 from drl_av.scenarios.folder import Scenario
@@ -70,6 +70,11 @@ class Fleet:
         self._road, self._size_of = scenario.road, scenario.vehicle_types.by_id
         if self._start is not None and sum(config.traffic.shares) > 0:
             raise ConfigError(SUMO_ALONE)
+        if scenario.road.forbidden_lines and config.ego.lane_change_duration_s > LANE_CHANGE_S:
+            raise ConfigError(
+                f"ego.lane_change_duration_s is {config.ego.lane_change_duration_s:g}, but on a "
+                f"road with lines that may not be crossed it must be at most {LANE_CHANGE_S:g}."
+            )
         if self._start is not None and self.placed is None:
             require_reachable(scenario.road, self._start, config.ego)
             self._require_room(self._start)

@@ -41,9 +41,7 @@ def flow_speed(start: OpenStart, traffic: TrafficConfig) -> float:
     wanted_m_s = max(traffic.desired_speed_min_m_s, 1.0)
     if not start.speed_limits:
         return wanted_m_s
-    begins_m, ends_m, limits = np.array(start.speed_limits).T
-    lengths_m = ends_m - begins_m
-    return float(ends_m[-1] / (lengths_m / np.minimum(limits, wanted_m_s)).sum())
+    return start.span_m / start.travel_s(0.0, start.span_m, wanted_m_s)
 
 
 def vehicles_of_flow(start: OpenStart, traffic: TrafficConfig) -> int:

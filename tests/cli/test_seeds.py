@@ -64,13 +64,14 @@ def test_each_run_has_the_bytes_of_the_same_run_alone(settings: str, capsys: Cap
     assert "begun with other settings" in error_message(capsys)
 
 
-@pytest.mark.parametrize("name", ["plain", "my run", "idm", "p[1]"])
+@pytest.mark.parametrize("name", ["plain", "my run", "idm", "p[1]", "-x"])
 def test_the_printed_word_finds_the_trainings_in_any_folder(name: str, here: Path) -> None:
     for seed in (2, 10):
         (here / name / f"seed-{seed}").mkdir(parents=True)
     group, found = trainings_of(group_of(Path(name)))
     assert found == [f"{name}/seed-2", f"{name}/seed-10"]
     assert group not in driver_names()
+    assert group.isidentifier() or group == "idm-seeds"
 
 
 def test_a_stopped_run_continues_to_the_same_bytes(settings: str) -> None:

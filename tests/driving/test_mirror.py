@@ -10,9 +10,10 @@ from drl_av.config import EgoConfig, ObservationConfig, SafetyConfig, Simulation
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import INDICATORS, compute_indicators
 from drl_av.driving.maneuver import plan
-from drl_av.driving.mirror import MIRROR
+from drl_av.driving.mirror import MIRROR, mirror_of, mirrored_observations
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import LaneChange, Scene
+from drl_av.driving.wide_observation import WIDE_NAMES, observe_wide
 from drl_av.road.road import Road
 from drl_av.safety.paper import paper
 
@@ -31,13 +32,8 @@ def mirrored(world: Scene) -> Scene:
     running = world.lane_change
     if running is not None:
         running = LaneChange(2 - running.origin, 2 - running.target)
-    road = Road(ROAD.lap_m, ROAD.lane_width_m, open_lanes(world)[::-1])
+    road = Road(ROAD.lap_m, ROAD.lane_width_m, world.road.open_lanes[::-1])
     return Scene(swapped, compute_indicators(swapped, road, 250.0), running, road)
-
-
-def open_lanes(world: Scene) -> tuple[bool, ...]:
-    barricaded = world.affordances.lane == 1 and not world.affordances.right_lane
-    return (not barricaded, True, True)
 
 
 def in_the_mirror(vector: np.ndarray) -> np.ndarray:
@@ -69,6 +65,16 @@ def test_a_mirrored_snapshot_gives_the_mirrored_observation(world: Scene) -> Non
     scale = ObservationScale(ObservationConfig(), 30.0, ROAD)
     here, there = (scale(each.indicators.values[:27]) for each in (world, mirrored(world)))
     assert in_the_mirror(here) == pytest.approx(there, abs=1e-5)
+
+
+@given(scenes())
+def test_the_wide_observation_has_a_mirror_image_too(world: Scene) -> None:
+    here, there = (
+        observe_wide(each.snapshot, each.road, 250.0, 30.0, each.lanes)
+        for each in (world, mirrored(world))
+    )
+    mirror = mirror_of(WIDE_NAMES)
+    assert mirrored_observations(here, mirror) == pytest.approx(there, abs=1e-5)
 
 
 @given(scenes(), st.sampled_from(ACTIONS))

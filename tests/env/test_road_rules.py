@@ -20,9 +20,10 @@ from drl_av.config import Config
 from drl_av.drivers.registry import rule_driver
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.maneuver import plan
+from drl_av.env.episode_start import most_decisions
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.errors import DrlAvWarning, ScenarioError
+from drl_av.errors import ConfigError, DrlAvWarning, ScenarioError
 from drl_av.road.road import (
     LIMIT_BRAKING_M_S2,
     OPEN_LAP_M,
@@ -34,7 +35,7 @@ from drl_av.road.road import (
     may_cross,
     road_numbers,
 )
-from drl_av.scenarios.folder import find_scenario, write_scenario
+from drl_av.scenarios.folder import find_scenario, load_scenario, write_scenario
 from drl_av.scenarios.highways import ExitDescription
 from drl_av.scenarios.imported.description import ImportedDescription
 from drl_av.scenarios.road_description import PlacedVehicle
@@ -150,6 +151,12 @@ def slow(roads: Path) -> Iterator[HighwayEnv]:
         yield env
 
 
+def test_lane_changes_longer_than_the_look_at_a_line_are_refused(roads: Path) -> None:
+    longer = Config().updated("ego", lane_change_duration_s=6.0)
+    with pytest.raises(ConfigError, match=r"is 6, but .* may not be crossed it must be at most 5"):
+        HighwayEnv(roads / "solid", config=longer)
+
+
 @pytest.mark.parametrize("name", ["gap-mobil", "idm-mobil", "sumo"])
 def test_rule_based_drivers_and_the_traffic_keep_their_lane_beside_a_solid_line(
     name: str, roads: Path
@@ -245,11 +252,14 @@ def test_an_episode_is_as_long_as_a_far_exit_needs(tmp_path: Path) -> None:
         assert 236 <= len(driven) < 260
         assert driven[-1].route_outcome == "exit taken"
     short = Config().updated("simulation", decisions_per_episode=20)
-    warns = r"its way has 7\d{3} m, but in 20 decisions it drives at most 600 m"
+    warns = "its way takes 237 decisions, but an episode has 20"
     with pytest.warns(DrlAvWarning, match=warns):
         env = HighwayEnv(tmp_path / "far", config=short)
     with closing(env):
         assert len([*rollout(env, rule_driver("idm", env.config), 1, 0)]) == 20
+    layout = load_scenario(tmp_path / "far").layout
+    slow = layout.start._replace(speed_limits=(SpeedLimit(0.0, OPEN_LAP_M, 10.0),))
+    assert most_decisions(Config(), layout._replace(start=slow)) == 1420  # twice 710 s at 10 m/s
     with warnings.catch_warnings(action="error"):
         enough = Config().updated("simulation", decisions_per_episode=150)
         for config, most in ((None, 200), (enough, 150)):

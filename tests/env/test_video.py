@@ -85,6 +85,25 @@ def test_an_episode_that_does_not_end_is_written_too(tmp_path: Path, end: str) -
     assert len(list(tmp_path.iterdir())) == 1  # the second episode has no decision
 
 
+def test_an_environment_is_closed_also_if_its_film_cannot_be_written(tmp_path: Path) -> None:
+    class Closing(gymnasium.Wrapper[Any, Any, Any, Any]):
+        closed = False
+
+        def close(self) -> None:
+            super().close()
+            self.closed = True
+
+    inner = Closing(highway())
+    env = drl_av.RecordVideo(inner, tmp_path / "films", name_prefix="mine")
+    env.reset(seed=1)
+    env.step(np.int64(0))
+    (tmp_path / "films").rmdir()
+    (tmp_path / "films").touch()
+    with pytest.raises(RecordingError):
+        env.close()
+    assert inner.closed
+
+
 def test_films_of_an_earlier_run_are_overwritten_with_a_warning(tmp_path: Path) -> None:
     folder = tmp_path / "100%"
     folder.mkdir()

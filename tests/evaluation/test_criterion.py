@@ -225,5 +225,5 @@ def test_a_single_episode_has_no_interval_and_no_infinite_one_is_printed() -> No
     mine, theirs = episode("mine", 1, 25.0), episode("sumo", 1, 24.0)
     [judgement] = judge([mine, theirs])
     assert judgement.undecided == ("speed", "collisions", "hard brakes")
-    assert " m/s, +1.00 [one episode]\n" in str(judgement)
+    assert " m/s, +1.00 [one seed]\n" in str(judgement)
     assert "inf" not in str(judgement)

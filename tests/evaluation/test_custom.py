@@ -271,7 +271,7 @@ def test_a_training_goes_on_with_the_reward_that_it_began_with(
     stopped = interrupted(in_the_second, [*words, *priced, "--tensorboard"])
     assert stopped.returncode == 130
     again = stopped.stderr.partition("continue with: drl-av ")[2].split("\n")[0]
-    assert again.startswith("train --out run --resume --reward=")
+    assert again.startswith("train --out=run --resume --reward=")
     assert again.endswith(" --tensorboard")
     for options, message in {
         (): f"was begun with --reward {mine}:price: give all",

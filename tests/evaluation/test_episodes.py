@@ -144,6 +144,7 @@ def test_interval_of_a_known_sample() -> None:
     assert mean.half_width == pytest.approx(3.724992, abs=1e-6)
     assert str(mean) == f"{mean}" == "5.00 ± 3.72"
     assert f"{mean:.1f}" == "5.0 ± 3.7"
+    assert f"{Mean(-0.004, 0.06)}" == "0.00 ± 0.06"
 
 
 def test_one_episode_has_no_interval(tmp_path: Path) -> None:

@@ -188,6 +188,21 @@ def test_the_curve_of_an_off_ramp_limits_the_lanes_that_lead_to_it_alone(tmp_pat
     assert load_scenario(tmp_path / "road").road == road
 
 
+def test_each_edge_counts_on_which_the_ego_drives_behind_the_exit(tmp_path: Path) -> None:
+    # off ends 20 m behind the exit, and away, with 10 m/s, goes on: the way has 100 m there
+    description = off(leaving(tmp_path, aside_m=-5.0, ramp_m=20.0))
+    exit_lane, *_ = description.plan().road.speed_limits
+    assert exit_lane[-1] == (description.way.exit_m, OPEN_LAP_M, 10.0)
+    assert "limits 10 to 40 m/s" in description.summary
+
+
+def test_another_network_has_its_own_curves(folder: Path, tmp_path: Path) -> None:
+    bent = leaving(tmp_path, aside_m=-250.0)
+    words = ["scenario", str(tmp_path / "bent"), "--from", str(folder), "--net", str(bent)]
+    assert main(words) == 0
+    assert load_scenario(tmp_path / "bent").road == off(bent).plan().road
+
+
 def test_a_bend_up_to_the_exit_limits_the_lanes_that_go_straight_on(tmp_path: Path) -> None:
     # e1 is a quarter of a circle of 100 m, and e2 goes straight on: sqrt(5.5 x 100) = 23.5 m/s
     places = [(800 + 100 * sin(pi * k / 40), 100 * (1 - cos(pi * k / 40))) for k in range(21)]

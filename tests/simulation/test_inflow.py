@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
 from drl_av.errors import ScenarioError
-from drl_av.road.road import SpeedLimit
+from drl_av.road.road import OPEN_LAP_M, SpeedLimit
 from drl_av.scenarios.folder import load_scenario, with_scenario, write_scenario
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_types import ROAD_TYPES
@@ -61,10 +61,10 @@ SLOW = STRAIGHT._replace(
     speed_limits=(
         SpeedLimit(0.0, 600.0, 40.0),
         SpeedLimit(600.0, 1200.0, 10.0),
-        SpeedLimit(1200.0, 2400.0, 30.0),
+        SpeedLimit(1200.0, OPEN_LAP_M, 30.0),
     )
 )
-"""A quarter of the road with 10 m/s, and no vehicle wants less than 20."""
+"""A quarter of the road with 10 m/s, and no vehicle wants less than 20; the last limit goes on."""
 
 
 def test_a_flow_is_denser_where_the_speed_limit_is_low() -> None:

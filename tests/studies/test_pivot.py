@@ -206,3 +206,20 @@ def test_episodes_in_two_kinds_of_traffic_are_pairs_of_their_own(study: FileStud
     path.write_text("\n".join([f"{head}", *rows[:12], *rows[:12]]) + "\n")
     with pytest.raises(DrlAvError, match="4 rows have 2 kinds of traffic: group them further"):
         lines(study, **spec)
+
+
+def test_an_improvement_is_over_the_same_kind_of_traffic_and_has_no_units(study: FileStudy) -> None:
+    kinds = (("calm", 28.5, 28.0), ("hazards", 20.5, 20.0))
+    rows = [
+        f"plain,{driver},5,{seed},{speed},False,False,0,40,{traffic}"
+        for traffic, *speeds in kinds
+        for driver, speed in zip(("ours", "slow"), speeds, strict=True)
+        for seed in (0, 1)
+    ]
+    study.path.with_suffix(".csv").write_text("\n".join([f"{ROWS.splitlines()[0]},traffic", *rows]))
+    spec = {"rows": ["label"], "without": {"driver": ["slow"]}, "measures": []}
+    better = {"head": "p", "improvement": "mean_speed_m_s", "over": {"driver": "slow"}}
+    assert lines(study, **spec | {"measures": [better]})[1] == "`ours` | 1.00 [1.00, 1.00]"
+    middle = [{"head": "m", "iqm": "mean_speed_m_s"}]
+    with pytest.raises(DrlAvError, match="is one of episodes: leave units out"):
+        lines(study, rows=["variant"], units="driver", measures=middle)

@@ -44,11 +44,12 @@ def test_off_the_road_and_after_a_collision_it_is_strict() -> None:
 
 
 def test_the_gain_is_paired_by_test_and_leaves_out_tests_that_ended_early() -> None:
-    km, zero = np.array([0.84, 0.85, 0.10]), np.zeros(3)
-    outcome = Outcome(zero + 1, np.array([0, 0, 1.0]), zero, km, zero)
-    found = row("real", "x", outcome, np.full(3, 0.8))
+    km, zero = np.array([0.84, 0.85, 0.10, 0.83]), np.zeros(4)
+    outcome = Outcome(zero + 1, np.array([0, 0, 1.0, 0]), zero, km, zero)
+    base = Outcome(zero + 1, zero, np.array([0, 0, 0, 1.0]), np.array([0.8, 0.8, 0.8, 0.2]), zero)
+    found = row("real", "x", outcome, base)
     # +5 % and +6.25 %: mean 5.625, t(0.975, 1) = 12.706 times 0.625
     assert found["gain_percent"] == "5.62 ± 7.94"
-    assert found["mean_speed_m_s"] == f"{1000 * 0.845 / SECONDS:.2f}"
-    assert (found["ego_hit"], found["tests"]) == (1, 3)
-    assert pytest.approx(845 / 27, abs=0.005) == float(found["mean_speed_m_s"])
+    assert found["mean_speed_m_s"] == f"{1000 * 0.84 / SECONDS:.2f}"
+    assert (found["ego_hit"], found["tests"]) == (1, 4)
+    assert pytest.approx(840 / 27, abs=0.005) == float(found["mean_speed_m_s"])

@@ -28,7 +28,7 @@ class Carriageway(NamedTuple):
     @property
     def driven(self) -> tuple[Section, ...]:
         """The edges on which the ego may drive."""
-        return (*self.sections, *self.off_ramp[:1])
+        return (*self.sections, *(one for one in self.off_ramp if one.begin_m < self.end_m))
 
     @property
     def left_out_m(self) -> float:

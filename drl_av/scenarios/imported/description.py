@@ -4,9 +4,10 @@ import math
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, groupby
 from pathlib import Path
+from typing import Any, Self
 
 from drl_av.config import TrafficConfig
 from drl_av.config.section import check_fields, setting
@@ -182,6 +183,13 @@ class ImportedDescription(OpenDescription):
             )
         return super().read_layout(network, name)
 
+    def updated(self, **given: Any) -> Self:
+        """Return the description with other settings; another network has limits of its own."""
+        if "net" in given and self.left_out is not None:
+            names = "left_out", "lowest_limit_m_s", "sideways_m_s2"
+            given = {name: getattr(ImportedDescription, name) for name in names} | given
+        return replace(self, **given)
+
     def to_toml(self) -> str:
         """Return the description as TOML text, which describes the network file of its folder.
 
@@ -286,7 +294,8 @@ class ImportedDescription(OpenDescription):
         way = self.way
         points = chain.from_iterable(section.shape for section in way.off_ramp)
         first, lanes = way.off_ramp[0], way.exit_lanes
-        near = [edge for edge in self._edges(first) if edge.begin_m < way.end_m]
+        ramp = chain.from_iterable(map(self._edges, way.driven[len(way.sections) :]))
+        near = [edge for edge in ramp if edge.begin_m < way.end_m]
         limit_m_s = min(min(edge.lane_limits_m_s) for edge in near)
         return Edge(
             first.edge,
