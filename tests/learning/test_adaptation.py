@@ -196,7 +196,7 @@ def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
 ) -> None:
     folder = trained.with_name("killed")
     words = command(trained, quick, "killed", "--learning-rate", "1e-3")
-    resumed = ["adapt", "--out", str(folder), "--resume"]
+    resumed = ["adapt", f"--out={folder}", "--resume"]
     for moment in ("HighwayEnv, 'execute', 7", "run_folder.Run, 'append', 4"):
         ended = interrupted(f"at_call({moment}, {KILL})", words)
         assert ended.returncode == -signal.SIGKILL

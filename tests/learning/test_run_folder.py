@@ -128,7 +128,7 @@ def test_sumo_that_ends_on_its_own_is_reported_with_the_command_to_continue(
     assert ended.returncode == 1
     message = one_sentence(ended.stderr)
     assert "SUMO ended on its own" in message
-    again = f"drl-av train --out {folder} --resume."
+    again = f"drl-av train --out={folder} --resume."
     assert f"continues from its last checkpoint with: {again}" in message
     require_ended_like(left_alone, folder)
 
@@ -141,7 +141,7 @@ def test_first_ctrl_c_stops_after_the_episode_and_the_second_at_once(
     prelude = "\n".join(f"at_call(HighwayEnv, 'execute', {n}, {INTERRUPT})" for n in steps)
     ended = interrupted(prelude, command(folder, "--config", settings))
     assert ended.returncode == 130
-    assert f"drl-av train --out {folder} --resume" in ended.stderr
+    assert f"drl-av train --out={folder} --resume" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert len((folder / "episodes.csv").read_bytes().splitlines()) == 1 + episodes
     assert load(folder / "checkpoint.safetensors")[1]["episodes_done"] == episodes

@@ -234,7 +234,7 @@ def test_a_missed_exit_ends_the_episode_like_a_collision(egos_at_the_exit: TwinW
 
 def test_an_exit_that_is_still_open_when_the_time_is_up_is_no_failure() -> None:
     short = TO_THE_EXIT.updated("simulation", decisions_per_episode=4)
-    with pytest.warns(DrlAvWarning, match="in 4 decisions it drives at most 120 m"):
+    with pytest.warns(DrlAvWarning, match="its way takes 37 decisions, but an episode has 4"):
         part = Part(slice(0, 6), short.with_traffic("calm"), seed=1)
     for decision in range(4):
         reward, failed, late = part.step(np.zeros(6, np.int64))
