@@ -81,7 +81,8 @@ def compared(bounds: str, tests: int, adversaries: int, seed: int) -> list[dict[
 def row(bounds: str, name: str, found: Outcome, base: Outcome) -> dict[str, Any]:
     """Return the row of one check; ``base`` are the same tests under ``strict``.
 
-    The speed does not include tests with a collision, because a collision ends a test early.
+    The speed includes no test with a collision, which ends a test early, the gain none with one in
+    either.
     """
     whole_tests, both = (each.ego_hit + each.was_hit == 0 for each in (found, base))
     both &= whole_tests

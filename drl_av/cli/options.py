@@ -109,18 +109,19 @@ def add_env_options(parser: argparse.ArgumentParser, whose: str, zips: bool = Tr
     """
     if zips:
         parser.epilog = " ".join(filter(None, [parser.epilog, UNPICKLED]))
+    of_run = whose.endswith("RUN's")  # else of the settings from which a training begins
     scenario = f"scenario folder, or the name of a shipped one (default: {whose})"
     add_text(parser, "--scenario", "DIR", scenario)
     parser.add_argument(
         "--world",
         choices=WORLDS,
-        help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: that of the "
-        "settings, but sumo for a RUN in the twin)",
+        help="sumo, or the twin: SUMO's traffic, compiled, and so faster (default: "
+        f"that of the settings{', but sumo for a RUN in the twin' * of_run})",
     )
     check = f"one of: {', '.join(CHECKS)}, or your own as module:function (default: {whose})"
     add_text(parser, "--safety-check", "NAME", check)
-    drawn = "but paper, or calm on an open road, for a RUN that drew kinds"
-    traffic = f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic], {drawn})"
+    drawn = ", but paper, or calm on an open road, for a RUN that drew kinds" * of_run
+    traffic = f"one of: {', '.join(TRAFFIC_PRESETS)} (default: {whose} [traffic]{drawn})"
     add_text(parser, "--traffic", "KIND", traffic)
     reward = "your own reward as module:function (default: the paper's)"
     add_text(parser, "--reward", "NAME", reward)

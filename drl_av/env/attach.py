@@ -275,11 +275,13 @@ class AttachedEgo:
 
 
 def _to_the_centre(shot: Snapshot, road: Road) -> LaneChange | None:
-    """Return the lane change that ends on the centre of the ego's lane; None if it is there."""
+    """Return the lane change that ends on the centre of the ego's lane; None if it is there.
+
+    A lane change has an origin, so on a single lane it is None, too.
+    """
     y_m = float(shot.y_m[EGO])
     target = road.lane_of(y_m)
     aside_m = y_m - road.center_m(target)
     side = 1 if aside_m > 0 else -1
-    sides = target + side, target - side
-    lanes = [lane for lane in sides if 0 <= lane < len(road.open_lanes)] or sides
-    return LaneChange(lanes[0], target) if abs(aside_m) > CENTERED_M else None
+    lanes = [lane for lane in (target + side, target - side) if 0 <= lane < len(road.open_lanes)]
+    return LaneChange(lanes[0], target) if lanes and abs(aside_m) > CENTERED_M else None

@@ -79,7 +79,7 @@ def most_decisions(config: Config, layout: Layout) -> int:
         return max(most, math.ceil(2 * needed))
     if needed > most:
         warn(
-            f"The ego cannot take its exit: its way takes {math.ceil(needed)} decisions, but an "
+            f"The ego may miss its exit: its way takes {math.ceil(needed)} decisions, but an "
             f"episode has {most}: set simulation.decisions_per_episode to {DECISIONS}, with which "
             "an episode is as long as the way needs."
         )

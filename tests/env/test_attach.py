@@ -427,15 +427,6 @@ def test_an_ego_off_its_centre_goes_there_first(net: Path, lane: int, side: int)
     assert sumo.vehicle.getLaneID("ego") == f"in_{lane}"
 
 
-def test_on_a_single_lane_it_goes_to_the_centre_too(tmp_path: Path) -> None:
-    begin_on(a_road(tmp_path, [1], []), "e0", car("ego", 0, 50, 20, "way"))
-    sumo.vehicle.changeSublane("ego", 0.6)
-    while abs(sumo.vehicle.getLateralLanePosition("ego")) < 0.5:
-        sumo.simulationStep()
-    drive(drl_av.attach(sumo, "ego", Does(), "paper"), 5.0)
-    assert sumo.vehicle.getLateralLanePosition("ego") == pytest.approx(0.0, abs=1e-6)
-
-
 def test_a_line_that_no_vehicle_may_cross_is_not_crossed(tmp_path: Path) -> None:
     lane = '<lane index="1" changeLeft="authority" width="3.5"/></edge>'
     edges = EDGES.replace(
