@@ -44,8 +44,8 @@ def attach(
     """Let a driver and a safety check drive one vehicle of a SUMO simulation of the user's own.
 
     Call ``step`` of the result after each ``simulationStep``. The vehicle drives its route, and
-    first to the centre of its lane; all other vehicles stay as they are. SUMO must run with
-    ``--lateral-resolution``, because a lane change of the ego takes 5 s.
+    first to the centre of its lane where there are several; all others stay as they are. SUMO must
+    run with ``--lateral-resolution``, because a lane change of the ego takes 5 s.
 
     Args:
         connection: The module libsumo or traci, or a connection of traci, in which SUMO runs.
