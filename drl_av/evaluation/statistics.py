@@ -46,7 +46,7 @@ class Mean(NamedTuple):
         return f"{self:.2f}"
 
     def __format__(self, form: str) -> str:
-        """Return both numbers in a form without sign, .2f; of an infinite half-width the mean."""
+        """Return both in a form without sign, .2f by default; with an infinite half-width one."""
         form = form or ".2f"
         interval = f" ± {self.half_width:{form}}" if math.isfinite(self.half_width) else ""
         return f"{self.value:z{form}}{interval}"
