@@ -18,7 +18,7 @@ from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, ego_numbers
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.road import ARRIVED_M, FloatArray, Road, holds, road_numbers
+from drl_av.road.road import ARRIVED_M, FloatArray, Road, road_numbers
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.road.sweep import KINDS, swept_collision
 from drl_av.safety.check import SafetyCheck, apply_check
@@ -29,7 +29,7 @@ from drl_av.safety.reachability import (
     lateral_extent,
     stopping_distance,
 )
-from verification.ego_in_scenes import judge, plan_all
+from verification.ego_in_scenes import judge, leave_road, plan_all
 from verification.euler import Integration
 from verification.separation import barrier_separation, swept_separation
 
@@ -177,9 +177,8 @@ class Mover:
         least_m = swept_separation((from_x_m, from_y_m), places, *sizes_m)
         to_barriers_m = barrier_separation(world.road.barriers, places, *sizes_m)
         world.least_m = np.minimum(world.least_m, np.column_stack([least_m, to_barriers_m]))
-        fronts = zip(world.y_m[:, 0].tolist(), world.x_m[:, 0].tolist(), strict=True)
-        held = [holds(y, WIDTH_M, x + LENGTH_M / 2, world.road) for y, x in fronts]
-        leaves = ~np.array(held, np.bool_)
+        leaves = np.empty(len(going), np.bool_)
+        leave_road(world.numbers(), leaves)
         for row in np.flatnonzero(going & leaves).tolist():
             world.collisions[row] = Collision(CollisionKind.HIT_EDGE, None)
         touches = (least_m < -TOUCHING_M).any(axis=1)
@@ -337,17 +336,21 @@ class BatchStrict:
 
     def __call__(self, world: World, proposal: IntArray) -> IntArray:
         """Return the executed action for each proposed action; both are 0 to 11, (scenes,)."""
-        return self._judged(world, proposal)[0]
+        return self.verdicts(world)[np.arange(len(proposal)), proposal]
+
+    def verdicts(self, world: World) -> IntArray:
+        """Return the executed action for each of the 12 actions, shape (scenes, 12)."""
+        return self._judged(world)[0]
 
     def free(self, world: World) -> BoolArray:
         """Return whether the invariant of ``strict`` holds in each scene, shape (scenes,).
 
         The invariant is that the fallback maneuver is free of collisions.
         """
-        return self._judged(world, np.zeros(len(world.x_m)))[1]
+        return self._judged(world)[1]
 
-    def _judged(self, world: World, proposal: npt.ArrayLike) -> tuple[IntArray, BoolArray]:
-        executed, free = np.empty(len(world.x_m), np.int64), np.empty(len(world.x_m), np.bool_)
-        given = self._strict, self._ego, np.asarray(proposal, np.int64)
-        judge(world.numbers(), *given, executed, free)
-        return executed, free
+    def _judged(self, world: World) -> tuple[IntArray, BoolArray]:
+        scenes = len(world.x_m)
+        found = np.empty((scenes, len(ACTIONS)), np.int64), np.empty(scenes, np.bool_)
+        judge(world.numbers(), self._strict, self._ego, *found)
+        return found

@@ -128,8 +128,8 @@ class MaskedPolicyDriver(Driver):
 
     def __init__(self, layers: Layers, check: SafetyCheck, config: Config) -> None:
         self._layers, self._check = layers, check
-        self._range_m = config.observation.range_m
-        self._max_speed_m_s = config.ego.max_speed_m_s
+        self.range_m = float(config.observation.range_m)
+        self.max_speed_m_s = float(config.ego.max_speed_m_s)
 
     def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
         """Return the permitted action with the largest logit; of all actions if none is permitted.
@@ -149,11 +149,20 @@ class MaskedPolicyDriver(Driver):
         """Return the logits of the 12 actions, -inf for those that the check does not permit."""
         permitted = action_mask(self._check, scene)
         wide = observe_wide(
-            scene.snapshot, scene.road, self._range_m, self._max_speed_m_s, scene.lanes
+            scene.snapshot, scene.road, self.range_m, self.max_speed_m_s, scene.lanes
         )
-        logits = forward(self._layers, np.concatenate((wide, permitted), dtype=np.float32))[1]
-        if permitted.any():
-            logits[permitted == 0] = -np.inf
+        return self.logits_of(wide, permitted == 1)
+
+    def logits_of(
+        self, wide: npt.NDArray[np.float32], permitted: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.float32]:
+        """Return ``logits`` of one scene or more, shape (..., 12), by what is seen and permitted.
+
+        ``wide`` holds the wide observations, shape (..., WIDE_SIZE).
+        """
+        seen = np.concatenate((wide, permitted), axis=-1, dtype=np.float32)
+        logits = forward(self._layers, seen)[1]
+        logits[~permitted & permitted.any(axis=-1, keepdims=True)] = -np.inf
         return logits
 
 

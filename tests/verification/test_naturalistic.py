@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 
 from drl_av.config import Config
 from drl_av.driving.car_following import idm_acceleration
+from drl_av.safety import named_check
 from verification import crash_simulation, crash_table
-from verification.adversary import LENGTH_M, IntArray, World
+from verification.adversary import LENGTH_M, BatchStrict, IntArray, World, one_by_one
 from verification.crash_rate import exact_share, rate, report
-from verification.crash_simulation import run, settings
+from verification.crash_simulation import drive, drivers, run, settings
 from verification.families import needed_gap, placed
 from verification.naturalistic import (
     ADVERSARY,
@@ -184,6 +185,16 @@ def test_a_check_that_permits_something_else_than_it_executes_has_an_answer(
     found = run(settings("paper"), 2, PEOPLE, 11, driver="idm-mobil")
     assert found.unanswered[0] == 0
     assert found.unanswered[1] > 0
+
+
+def test_a_driver_trained_at_scale_answers_for_all_scenes_at_once_as_for_each_alone() -> None:
+    config, ways = settings("strict"), []
+    for check in (BatchStrict(config), one_by_one(named_check(config))):
+        rng = np.random.default_rng(5)
+        world, egos = starts(12, config, rng), drivers("pretrained", config, 12)
+        ways.append(drive(config, world, Traffic(world, ADVERSARY, rng), check, egos).km)
+    assert ways[0].tolist() == ways[1].tolist()
+    assert len(set(ways[0])) > 6
 
 
 def test_tests_are_reproducible_and_their_starts_are_the_same_for_every_check(
