@@ -88,7 +88,7 @@ def _run(given: argparse.Namespace) -> int:
         for name in given.names or STUDIES:
             study = STUDIES[name] if name in STUDIES else FileStudy(Path(name))
             with progress_bar(name, 0) as bar:
-                _make(study, options, bar)
+                _make(study, options, name, bar)
     except KeyboardInterrupt:
         print("studies: the same command continues from here.", file=sys.stderr)
         raise
@@ -106,7 +106,7 @@ def _options(given: argparse.Namespace) -> Options:
     return options._replace(runs=options.runs.absolute())  # for a cluster
 
 
-def _make(study: Study, options: Options, bar: Bar) -> None:
+def _make(study: Study, options: Options, word: str, bar: Bar) -> None:
     done = 0
     with closing(make(study, options)) as steps:
         for progress in steps:
@@ -118,7 +118,7 @@ def _make(study: Study, options: Options, bar: Bar) -> None:
     else:
         bar.say(
             f"{path} is complete: nothing was driven; for a quick form in a folder of its own: "
-            f"python -m studies {study.name} --quick"
+            f"python -m studies {word} --quick"
         )
     for figure in draw(study, options.out):
         bar.say(str(figure))

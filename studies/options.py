@@ -76,7 +76,7 @@ class Options(NamedTuple):
         Raises ConfigError if a file is wrong, or replaces a setting that the study itself sets.
         """
         for settings in own:
-            config = changed(config, settings)
+            config = with_scenario(changed(config, settings))
         if str(QUICK) in self.config:  # which replaces what a study sets
             config = with_files(config, [str(QUICK)])
         made = self.with_files(config)

@@ -282,7 +282,7 @@ def labelled(study: FileStudy, folder: Path) -> Frame:
     """
     path = folder / f"{study.name}.csv"
     if not path.exists():
-        raise DrlAvError(f"{path} does not exist: python -m studies {study.name} makes it.")
+        raise DrlAvError(f"{path} does not exist: python -m studies {study.word} makes it.")
     with report_corrupt_table(path):
         return _read(study.path, path, path.stat().st_mtime_ns)
 
@@ -307,7 +307,7 @@ def _labels(study: FileStudy, rows: Frame) -> Any:
         if names is None:
             labels[own] = variant.label
         else:
-            labels[own] = [variant.label.format(driver=each) for each in names[own]]
+            labels[own] = [study.filled(variant.label, driver=each) for each in names[own]]
     if names is None:
         return labels
     trained = {each.name: each.label for each in study.trained(Options())}

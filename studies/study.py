@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -10,30 +10,31 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from drl_av.config import Config
 from drl_av.config.presets import preset
 from drl_av.config.section import did_you_mean
-from drl_av.drivers.policy_file import find_policy
 from drl_av.drivers.registry import find_drivers
 from drl_av.env.episode_start import TRAINING_SEED_RANGE
-from drl_av.env.metrics import EpisodeMetrics
-from drl_av.errors import ConfigError
-from drl_av.evaluation.criticality import CriticalityMetrics
-from drl_av.evaluation.provenance import checksum
-from drl_av.evaluation.table import Inputs
+from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.errors import ConfigError, DrlAvError
+from drl_av.evaluation.criticality import CriticalityMetrics, CriticalityResult
+from drl_av.evaluation.table import Inputs, checksums
+from drl_av.files.atomic import files_digest
 from drl_av.files.table import Row
+from drl_av.scenarios.folder import find_scenario
 from studies.engine import EpisodeCell
-from studies.options import Options, Plan, Settings, order_by, settings_of
+from studies.options import FOLDER, Options, Plan, Settings, order_by, settings_of
 from studies.trainings import TrainingJob
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-METRICS: Mapping[str, type[EpisodeMetrics]] = {
-    "episode": EpisodeMetrics,
-    "criticality": CriticalityMetrics,
+METRICS: Mapping[str, tuple[type[EpisodeMetrics], type[EpisodeResult]]] = {
+    "episode": (EpisodeMetrics, EpisodeResult),
+    "criticality": (CriticalityMetrics, CriticalityResult),
 }
+"""The metrics of an episode by name, and the fields that they have."""
 MEASURES = {"mean", "interval", "total", "text", "iqm", "improvement", "gain", "change"}
 """The kinds of measures of a table (``studies.pivot``)."""
 KEYS: Mapping[str, Mapping[str, type]] = {
-    "": dict.fromkeys(("meaning", "row", "settings_named", "metrics"), str)
+    "": dict.fromkeys(("meaning", "row", "metrics"), str)
     | dict.fromkeys(("settings", "rows", "variants", "trainings", "tables", "figures"), dict)
     | dict.fromkeys(("columns", "order"), list),
     "rows": {"drivers": list, "traffic": list, "vehicles": list, "seeds": dict},
@@ -45,13 +46,18 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     "tables": dict.fromkeys(("columns", "units", "best", "slowest", "text"), str)
     | dict.fromkeys(("rows", "heads", "ours", "measures", "from"), list)
     | dict.fromkeys(("where", "without", "value", "pool", "total"), dict),
+    "figures": dict.fromkeys(("along", "panels", "title", "units"), str)
+    | dict.fromkeys(("labels", "from", "ours"), list)
+    | dict.fromkeys(("where", "without", "value"), dict)
+    | {"x": object, "line": bool},
     "measures": dict.fromkeys(("head", *MEASURES), str)
     | {"digits": int, "common": bool, "of": dict, "over": object},
 }
 """The type of each key of each part of a study's file."""
 ELEMENTS: Mapping[str, type] = {"drivers": str, "traffic": str, "vehicles": int}
 """The type of the elements of these lists."""
-NEEDED = {"": ("meaning", "rows"), "rows": ("seeds",), "seeds": ("count",), "trainings": ("base",)}
+NEEDED = {"": ("meaning", "rows"), "rows": ("seeds",), "seeds": ("count",)}
+NEEDED |= {"trainings": ("base",), "figures": ("x", "value", "labels")}
 """The keys that a part must have."""
 TYPES = {
     str: "a text",
@@ -114,10 +120,11 @@ class FileStudy:
             )
         if content.get("metrics", "episode") not in METRICS:
             raise ConfigError(f"{self.path}: metrics must be one of {', '.join(METRICS)}.")
-        for part in ("variants", "trainings", "tables"):
-            for each in content.get(part, {}).values():
+        for part in ("variants", "trainings", "tables", "figures"):
+            for each in _single(content.get(part, {}).values()):
                 _checked(self.path, part, each)
-                for one in (*each.get("measures", ()), *filter(None, [each.get("value")])):
+                measures = each.get("measures", ()), each.get("value"), each.get("x")
+                for one in (*measures[0], *(m for m in measures[1:] if isinstance(m, dict))):
                     if len(_checked(self.path, "measures", one).keys() & MEASURES) != 1:
                         raise ConfigError(
                             f"{self.path} has the measure {one}: it must have one of the keys "
@@ -129,6 +136,11 @@ class FileStudy:
     def name(self) -> str:
         """Name of the file and of the results, without its ending."""
         return self.path.stem
+
+    @property
+    def word(self) -> str:
+        """What names the study after ``python -m studies``."""
+        return self.name if self.path.parent == FOLDER else str(self.path)
 
     @property
     def meaning(self) -> str:
@@ -157,7 +169,7 @@ class FileStudy:
                 tuple(dict.fromkeys(own.get("drivers", rows.get("drivers", ())))),
                 tuple(own.get("vehicles", rows.get("vehicles", ()))),
                 own.get("episodes", rows["seeds"]["count"]),
-                own.get("columns", {}),
+                {name: str(value) for name, value in own.get("columns", {}).items()},
                 own.get("settings", {}),
                 own.get("label", "`{driver}`"),
                 own.get("trained", True),
@@ -172,8 +184,11 @@ class FileStudy:
         return list(dict.fromkeys([*names, *(n for each in self.variants for n in each.drivers)]))
 
     def trained(self, options: Options) -> list[Trained]:
-        """Return the drivers that the study trains, in the order of the file."""
-        found = []
+        """Return the drivers that the study trains, in the order of the file.
+
+        Raises ConfigError if one is no training by Algorithm 1, or two have the same folder.
+        """
+        found: list[Trained] = []
         for template, own in self.file.get("trainings", {}).items():
             base = _training_base(own["base"])
             first, count = own.get("seeds", {}).get("first", 0), own.get("seeds", {}).get("count")
@@ -183,41 +198,91 @@ class FileStudy:
                     its: Settings = {} if seed is None else {"learning": {"seed": seed}}
                     config = options.settings(base, own.get("settings", {}), _traffic(kind), its)
                     words = {"seed": seed, "traffic": kind}
-                    folder = options.runs / own.get("folder", template).format(**words)
+                    folder = options.runs / self.filled(own.get("folder", template), **words)
+                    if config.learning.algorithm == "ppo":
+                        raise ConfigError(
+                            f"{self.path}: the base {own['base']} of {template} trains by PPO, but "
+                            "a study trains by Algorithm 1: train it with drl-av train, and name "
+                            "its folder among the drivers."
+                        )
+                    if any(each.job.folder == folder for each in found):
+                        raise ConfigError(
+                            f"{self.path}: {template} names several trainings {folder.name}: write "
+                            "{seed} or {traffic} into its name, whichever varies."
+                        )
                     stop = min(own.get("stop", config.learning.episodes), config.learning.episodes)
                     every = config.learning.evaluate_every
                     job = TrainingJob(template.partition("-")[0], config, stop, folder, every)
-                    name = own.get("name", template).format(**words)
+                    name = self.filled(own.get("name", template), **words)
                     label = own.get("label", "`{name}`")
-                    label = label.format(name=name, count="{count}", **words)
+                    label = self.filled(label, name=name, count="{count}", **words)
                     found.append(Trained(name, label, job))
         return found
 
     def base(self, drivers: Iterable[str], options: Options) -> Config:
         """Return the study's settings for ``drivers``, without those of a variant."""
-        learned = [name for name in drivers if name.startswith("pretrained")]
-        learned = learned or [name for name in self.drivers if name.startswith("pretrained")]
-        return options.settings(settings_of(learned), self.file.get("settings", {}))
+        return options.settings(
+            settings_of([*drivers, *self.drivers]), self.file.get("settings", {})
+        )
 
     def plan(self, options: Options) -> Plan:
-        """Return what must be trained and driven."""
-        trained = self.trained(options)
+        """Return what must be trained and driven.
+
+        Raises ConfigError if there is nothing, or the table would not tell its rows apart.
+        """
+        trained, specs = self.trained(options), find_drivers(self.drivers)
+        if group := next((each.group for each in specs if each.group), None):
+            raise ConfigError(
+                f"{self.path}: drivers has the group {group}: name each of its trainings."
+            )
         settings: dict[str, Config] = {}
-        cells = list(self._cells(trained, options, settings))
-        policies = {
-            name: checksum(find_policy(each.run))
-            for name, each in zip(self.drivers, find_drivers(self.drivers), strict=True)
-            if each.run
-        }
-        inputs = Inputs(settings, policies, {each.name: each.job.stop for each in trained})
-        return Plan(inputs, self._place(trained), cells=cells)
+        cells, place = list(self._cells(trained, options, settings)), self._place(trained)
+        if not cells:
+            raise ConfigError(
+                f"{self.path} drives nothing: [rows] needs drivers or trainings, and vehicles."
+            )
+        begun = [place(c.row(driver, c.seeds[0])) for c in cells for driver in c.drivers]
+        if len({*begun}) < len(begun):
+            raise ConfigError(
+                f"{self.path} has rows that order does not tell apart: add traffic, variant or a "
+                "column of the variants to order and columns."
+            )
+        scenarios = {config.simulation.scenario for config in settings.values()}
+        inputs = Inputs(
+            settings,
+            checksums(specs),
+            {each.name: each.job.stop for each in trained},
+            {f"scenario {name}": files_digest(find_scenario(name)) for name in scenarios},
+        )
+        return Plan(inputs, place, cells=cells)
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns of the table; "*" stands for all fields of an episode."""
+        return list(self.file.get("columns", [*self._varying, "*"]))
+
+    @property
+    def _varying(self) -> list[str]:
+        """The columns beside the number of vehicles, seed and driver in which rows may differ."""
+        kinds = ["traffic"] if "traffic" in self.file["rows"] else []
+        return kinds + (["variant"] if "variants" in self.file else [])
+
+    def filled(self, template: str, **words: object) -> str:
+        """Return a text of the file with its braces replaced."""
+        try:
+            return template.format(**words)
+        except (LookupError, ValueError, AttributeError) as error:
+            known = ", ".join(f"{{{word}}}" for word in words)
+            raise ConfigError(
+                f"{self.path}: {template!r} may have {known} in braces, but nothing else."
+            ) from error
 
     def _cells(
         self, trained: Sequence[Trained], options: Options, settings: dict[str, Config]
     ) -> Iterator[EpisodeCell]:
-        rows, template = self.file["rows"], self.file.get("settings_named", "")
-        metrics = METRICS[self.file.get("metrics", "episode")]
-        columns, first = tuple(self.file.get("columns", ["*"])), rows["seeds"].get("first", 0)
+        rows = self.file["rows"]
+        metrics, _ = METRICS[self.file.get("metrics", "episode")]
+        columns, first = tuple(self.columns), rows["seeds"].get("first", 0)
         groups: list[tuple[Variant, tuple[str, ...], Trained | None]] = [
             (variant, variant.drivers, None) for variant in self.variants if variant.drivers
         ]
@@ -233,12 +298,12 @@ class FileStudy:
             for kind in rows.get("traffic", [None]):
                 own = self.file.get("settings", {}), _traffic(kind), variant.settings
                 config = options.settings(base, *own)
-                for name in [made.name] if made else drivers:
-                    words = {"driver": name, "training": name, "traffic": kind}
-                    varies = "{traffic}" in template or "{variant}" in template
-                    settings.setdefault(
-                        template.format(**words, variant=variant.name), config if varies else base
-                    )
+                if made:
+                    settings[made.name] = made.job.config
+                where_driven = [kind, variant.name]
+                if made and not any(where_driven) and config != made.job.config:
+                    where_driven.append("driving")
+                settings[", ".join(filter(None, [trained_name, *where_driven]))] = config
                 key = {} if kind is None else {"traffic": kind}
                 key |= {"variant": variant.name} if variant.name else {}
                 seeds = range(first, first + options.episodes(variant.episodes))
@@ -261,10 +326,18 @@ class FileStudy:
         for column in {name for each in self.variants for name in each.columns}:
             found = (each.columns[column] for each in self.variants if column in each.columns)
             known[column] = dict.fromkeys(found)
-        order = self.file.get("order", ["vehicles", "seed", "driver"])
+        order = self.file.get("order", [*self._varying, "vehicles", "seed", "driver"])
         if others := [column for column in order if column not in known]:
             words = ", ".join(known)
             raise ConfigError(f"{self.path}: order has {others[0]!r}, but must be of {words}.")
+        _, result = METRICS[self.file.get("metrics", "episode")]
+        own = [each.name for each in fields(result)]
+        if others := [name for name in self.columns if name not in {"*", *known, *own}]:
+            hint = did_you_mean(others[0], [*known, *own])
+            raise ConfigError(f"{self.path}: no episode has the column {others[0]!r}{hint}.")
+        held = {*self.columns, *(own if "*" in self.columns else ())}
+        if others := [name for name in order if name not in held]:
+            raise ConfigError(f"{self.path}: order has {others[0]!r}, which columns lacks: add it.")
         return order_by(**{column: known[column] for column in order})
 
     @property
@@ -278,7 +351,7 @@ class FileStudy:
         from studies.pivot import markdown
 
         return {
-            name: partial(markdown, self, spec)
+            name: partial(self._shown, f"table {name}", markdown, spec)
             for name, spec in self.file.get("tables", {}).items()
         }
 
@@ -288,8 +361,27 @@ class FileStudy:
         from studies.plot import figure
 
         return {
-            name: partial(figure, self, spec) for name, spec in self.file.get("figures", {}).items()
+            name: partial(self._shown, f"figure {name}", figure, spec)
+            for name, spec in self.file.get("figures", {}).items()
         }
+
+    def _shown(self, what: str, make: Callable[..., Any], spec: Any, folder: Path) -> Any:
+        """Return the table or figure of a specification; raise ConfigError if it is wrong."""
+        try:
+            return make(self, spec, folder)
+        except DrlAvError:
+            raise
+        except Exception as error:  # pandas raises many kinds for what a file says
+            why = f"it names {error}, which is not there" if isinstance(error, KeyError) else error
+            raise ConfigError(
+                f"{self.path}: the {what} cannot be made ({why}): correct it there; the rows in "
+                f"{folder / self.name}.csv are kept."
+            ) from error
+
+
+def _single(parts: Iterable[Any]) -> list[Any]:
+    """Return the parts, those of a list each for itself."""
+    return [one for part in parts for one in (part if isinstance(part, list) else [part])]
 
 
 def _traffic(kind: str | None) -> Settings:

@@ -68,7 +68,10 @@ def figures(options: argparse.Namespace) -> int:
 
     _require_known_suffix(options.out)
     sources = [trainings_of(word) for word in options.sources]
-    groups = {name: [Path(each) for each in found] for name, found in sources if name}
+    groups = dict[str, list[Path]]()
+    for name, found in sources:
+        if name:
+            groups.setdefault(name, []).extend(map(Path, found))
     alone = [Path(word) for name, [word, *_] in sources if not name]
     runs, tables = [p for p in alone if p.is_dir()], [p for p in alone if not p.is_dir()]
     every_run = [run for own in (runs, *groups.values()) for run in own]
@@ -101,7 +104,7 @@ def figures(options: argparse.Namespace) -> int:
             add_title(figure, title)
     if every_run:
         figures["learning"] = learning_figure(runs, groups)
-        named = [(run.name, run) for run in runs]
+        named = [(run.absolute().name, run) for run in runs]
         named += [(name, run) for name, own in groups.items() for run in own]
         pairs = [(name, load_config(run / "config.toml").safety.check) for name, run in named]
         add_title(figures["learning"], title_of(pairs))

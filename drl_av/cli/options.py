@@ -151,7 +151,7 @@ def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
         action="append",
         type=_setting,
         metavar="SECTION.KEY=VALUE",
-        help="one setting, such as traffic.vehicles_max=10, laid over those and files before it; "
+        help="one setting, such as traffic.truck_share=0.2, laid over those and files before it; "
         "traffic.kind resets the section",
     )
 
@@ -159,7 +159,7 @@ def config_files(parser: argparse.ArgumentParser, whose: str) -> None:
 def _setting(text: str) -> str:
     if not SETTING.fullmatch(text):
         raise argparse.ArgumentTypeError(
-            f"{text!r} does not have the form SECTION.KEY=VALUE, such as traffic.vehicles_max=10"
+            f"{text!r} does not have the form SECTION.KEY=VALUE, such as traffic.truck_share=0.2"
         )
     return text
 
@@ -190,6 +190,12 @@ def require_driving_settings(options: argparse.Namespace) -> None:
     for word in map(str, options.config):
         if SETTING.match(word) and word.startswith(("learning.", "ppo.")):
             raise ConfigError(f"-o {word} is a setting of trainings, which ended: leave it out.")
+        if SETTING.match(word) and word.startswith(
+            ("traffic.vehicles_min", "traffic.vehicles_max")
+        ):
+            raise ConfigError(
+                f"-o {word} is a setting of trainings: give the numbers here with --vehicles."
+            )
 
 
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:

@@ -157,7 +157,7 @@ def from_sections(
 def with_files(config: Config, paths: Iterable[str | Path]) -> Config:
     """Return the config with the settings of TOML files, each laid over those before it.
 
-    A path may be a single setting instead, such as ``traffic.vehicles_max=10``. Settings that do
+    A path may be a single setting instead, such as ``traffic.truck_share=0.2``. Settings that do
     not fit the config may fit it together with those after them. Raises ConfigError as
     ``load_config`` does.
     """

@@ -18,7 +18,7 @@ from drl_av.env.episode_start import require_numbers
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
 from drl_av.env.observation import ObservationFunction
 from drl_av.env.transition import RewardFunction
-from drl_av.errors import ConfigError, printable
+from drl_av.errors import ConfigError, DrlAvError, printable
 from drl_av.evaluation.criterion import CriterionResult, judge
 from drl_av.evaluation.criticality import CriticalityMetrics
 from drl_av.evaluation.episodes import Evaluation, Setup, drive_episodes, warn_of_checks
@@ -63,11 +63,18 @@ class Results(list[EpisodeResult]):
         return import_pandas("to_pandas").DataFrame(rows)
 
     def _repr_html_(self) -> str:
-        """Return the statistics of each driver, check and number of vehicles as an HTML table."""
+        """Return the statistics of each driver, check and number of vehicles as an HTML table.
+
+        If episodes of different settings cannot be told apart, it is a sentence that says so.
+        """
         headings = ("vehicles", "driver", "check", "episodes", "speed, m/s", "reward", "ego hits")
+        try:
+            summaries = summarize(self)
+        except DrlAvError as error:
+            return f"<p>{escape(str(error))}</p>"
         rows = [
             (s.vehicles, s.driver, s.safety_check, s.episodes, s.speed_m_s, s.reward, s.ego_hits)
-            for s in summarize(self)
+            for s in summaries
         ]
         lines = [
             "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in row)

@@ -89,7 +89,8 @@ def learning_figure(
     figure, axes = one_panel(unit, "mean reward a decision")
     labels = dict[str, Path]()
     for run in runs:
-        labels[run.name if run.name not in labels else str(run)] = run
+        name = run.absolute().name
+        labels[name if name not in labels else str(run)] = run
     curves, styles = {}, styles_of([*groups, *labels])
     for name, group in groups.items():
         found = [_evaluations(run) for run in group]

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from runs import Capsys
+from runs import Capsys, error_message
 
 from drl_av.cli import main
 from drl_av.cli.options import SETTINGS_OF_OPTIONS
@@ -38,6 +38,12 @@ def test_nor_is_one_of_a_verb(words: list[str], setting: str, here: Path, capsys
     said = rf"{words[-2]} and -o {setting.partition('=')[0]} are the same setting"
     assert said in capsys.readouterr().err
     assert list(here.iterdir()) == []
+
+
+def test_the_numbers_of_vehicles_of_a_training_are_none_of_an_evaluation(capsys: Capsys) -> None:
+    for verb in ("evaluate", "replay"):
+        assert main([verb, "idm", "-o", "traffic.vehicles_max=10"]) == 1
+        assert "=10 is a setting of trainings: give the numbers here with" in error_message(capsys)
 
 
 def test_a_scenario_is_the_same_however_its_path_is_written(

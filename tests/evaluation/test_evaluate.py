@@ -194,6 +194,7 @@ def test_a_data_frame_says_of_each_row_in_which_world_it_was_driven() -> None:
     rows += drl_av.evaluate("idm", vehicles=1, episodes=1, config=twin)
     frame = rows.to_pandas()
     assert frame.groupby("world").size().to_dict() == {"sumo": 1, "twin": 1}
+    assert "<p>idm drove seed 0 among 1 vehicle twice" in (rows + rows)._repr_html_()
 
 
 def test_the_package_shows_its_public_names_and_nothing_else() -> None:

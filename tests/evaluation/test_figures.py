@@ -1,6 +1,7 @@
 """The figures: what is drawn is what the tables say, each with its interval."""
 
 import re
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 
@@ -316,11 +317,19 @@ def test_a_kind_of_file_that_is_not_drawn_is_refused_and_makes_no_folder(
     assert Path("v1.2/reward.png").exists()
 
 
-def test_a_figure_of_runs_says_their_check(here: Path) -> None:
+def test_a_figure_of_runs_says_their_names_and_their_check(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     words = ["train", "--out", "run", "--episodes", "1", *SHORT]
     assert main([*words, "--safety-check", "permit_all"]) == 0
     assert main(["figures", "run", "--out", "learning.svg"]) == 0
     assert "safety check: permit_all" in Path("learning.svg").read_text()
+    shutil.copytree("run", "again")
+    assert main(["figures", "both=run", "both=again", "--out", "both.svg"]) == 0
+    assert "both, 2 trainings" in Path("both.svg").read_text()
+    monkeypatch.chdir("run")
+    assert main(["figures", ".", "--out", "../own.svg"]) == 0
+    assert ">run<" in Path("../own.svg").read_text()
 
 
 def test_no_two_drivers_of_a_figure_share_a_style_and_a_name_alone_keeps_its_own() -> None:

@@ -1,6 +1,8 @@
 """A study in a TOML file is driven, resumed, trained for, shown and refused as it says."""
 
 import json
+import re
+import shutil
 from itertools import product
 from pathlib import Path
 
@@ -8,12 +10,14 @@ import pytest
 from checks_of_study import with_check
 from runs import Capsys, files_of
 
+from drl_av import train
 from drl_av.config import Config, StrictConfig, TrafficConfig
 from drl_av.drivers.registry import find_drivers
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation import engines
 from drl_av.evaluation.engines import cluster, on_ray
 from drl_av.evaluation.table import read_rows
+from drl_av.scenarios.folder import ScenarioDescription, write_scenario
 from drl_av.scenarios.highways import StraightDescription
 from drl_av.simulation.inflow import vehicles_of_flow
 from studies.__main__ import main
@@ -27,7 +31,6 @@ MINE = """
 meaning = "two drivers with two values of T_min"
 columns = ["t_min_s", "vehicles", "driver", "seed", "mean_speed_m_s", "ego_hit", "collided"]
 order = ["t_min_s", "vehicles", "seed", "driver"]
-settings_named = "{variant}"
 
 [rows]
 drivers = ["idm", "random"]
@@ -132,8 +135,26 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
         ("seeds = {", "seeds = 3 # {", "seeds is 3, but must be a table"),
         ("vehicles = [1, 3]", "vehicles = 5", "vehicles is 5, but must be a list"),
         ("vehicles = [1, 3]", "vehicles = [1, '3']", "vehicles is '3', but must be a whole number"),
-        ('"seed", "driver"]\nse', '"sed"]\nse', "order has 'sed', but must be of driver, "),
-        ("settings_named", 'metrics = "fast"\nsettings_named', "metrics must be one of episode, c"),
+        ('"vehicles", "seed", "driver"]', '"sed"]', "order has 'sed', but must be of driver, "),
+        ('order = ["t_min_s", ', "order = [", "order does not tell apart: add traffic, variant or"),
+        ('columns = ["t_min_s", ', "columns = [", "order has 't_min_s', which columns lacks: add"),
+        ('"mean_speed_m_s", "e', '"mean_sped", "e', "has the column 'mean_sped' .did you mean 'me"),
+        ("vehicles = [1, 3]", "", "mine.toml drives nothing: .rows. needs drivers or trainings"),
+        ("meaning", 'metrics = "fast"\nmeaning', "metrics must be one of episode, c"),
+        ("[tables.", '[trainings.a-]\nbase = "large"\n[tables.', "trains by PPO, but a study"),
+        (
+            *("[tables.", '[trainings.a-]\nbase="paper"\nseeds={count=2}\n[tables.'),
+            "a- names several trainings a-: write {seed} or {traffic} into its name",
+        ),
+        (
+            *("[tables.", '[trainings."a-{sed}"]\nbase = "paper"\n[tables.'),
+            "'a-{sed}' may have {seed}, {traffic} in braces, but nothing else",
+        ),
+        (
+            'labels = ["ve',
+            'titel = "M"\nlabels = ["ve',
+            "unknown key 'titel' .did you mean 't",
+        ),
         ('text = "{ego', 'txt = "{ego', "unknown key 'txt'"),
         (', text = "{ego_hit} of {episodes}"', "", r"has the measure \{'head': 'hits'\}: it must"),
         ('columns = "vehicles"\nvalue', 'colums = "vehicles"\nvalue', "unknown key 'colums'"),
@@ -148,6 +169,80 @@ def test_a_file_that_is_no_study_is_one_sentence(
     with pytest.raises(ConfigError, match=sentence) as error:
         FileStudy(tmp_path / "mine.toml").plan(Options())
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong", "sentence"),
+    [
+        ('rows = ["t_min_s", "label"]', 'rows = ["t_min"]', "table mine .*names 't_min', which"),
+        (
+            'mean = "mean_speed_m_s"',
+            'mean = "mean_sped"',
+            "table mine cannot .*'mean_sped'",
+        ),
+        ("{ego_hit} of", "{ego_hits} of", "table mine .*names 'ego_hits', which"),
+        (
+            'interval = "mean_sp',
+            'interval = "mean_sd',
+            "figure mine .*'mean_sdeed_m_s'",
+        ),
+        (
+            'x = "vehicles"',
+            'x = "vehicle"',
+            "figure mine .*names 'vehicle', which",
+        ),
+    ],
+)
+def test_a_wrong_table_or_figure_is_one_sentence_and_the_rows_stay(
+    text: str, wrong: str, sentence: str, short: Options, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.toml").write_text(MINE.replace(text, wrong))
+    study = FileStudy(tmp_path / "mine.toml")
+    list(make(study, short._replace(most_episodes=1)))
+    with pytest.raises(ConfigError, match=sentence) as error:
+        _ = study.tables["mine"](short.out), *draw(study, short.out)
+    assert re.search(r"correct it there; the rows in .*mine\.csv are kept\.$", str(error.value))
+    assert len(read_rows(short.out / "mine.csv")) == 6
+
+
+def test_a_study_on_a_road_of_the_user_stands_beside_no_rows_of_another_road(
+    short: Options, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_scenario("road", ScenarioDescription(circumference_m=800.0))
+    text = 'meaning = "mine"\nsettings.simulation.scenario = "road"\n[rows]\ndrivers = ["idm"]\n'
+    Path("own.toml").write_text(text + "vehicles = [2]\nseeds = { count = 1 }\n")
+    list(make(FileStudy(Path("own.toml")), short))
+    shutil.rmtree("road")
+    write_scenario("road", ScenarioDescription(circumference_m=900.0))
+    with pytest.raises(DrlAvError, match=r"own\.csv was made with other .*\(scenario .*road\)"):
+        list(make(FileStudy(Path("own.toml")), short._replace(most_episodes=2)))
+
+
+def test_a_variant_is_one_more_row_without_an_order_and_its_settings_are_compared(
+    short: Options, tmp_path: Path
+) -> None:
+    text = 'meaning = "mine"\n[rows]\ndrivers = ["idm"]\ntraffic = ["calm", "paper"]\n'
+    text += "vehicles = [2]\nseeds = { count = 1 }\n[variants.a]\n[variants.b]\n"
+    (file := tmp_path / "own.toml").write_text(text + "settings.safety.minimum_ttc_s = 1.5\n")
+    list(make(FileStudy(file), short))
+    rows = read_rows(short.out / "own.csv")
+    both = [*product(("calm", "paper"), ("a", "b"))]
+    assert [(row["traffic"], row["variant"]) for row in rows] == both
+    file.write_text(text + "settings.safety.minimum_ttc_s = 2.5\n")
+    with pytest.raises(DrlAvError, match=r"other settings.*\(safety\.minimum_ttc_s\)"):
+        list(make(FileStudy(file), short))
+
+
+def test_a_study_drives_with_the_settings_of_the_first_driver_that_was_trained(
+    short: Options, tmp_path: Path
+) -> None:
+    three = {"simulation": {"decisions_per_episode": 3}, "learning": {"evaluation_episodes": 1}}
+    run = train(tmp_path / "run", config=three, episodes=1)
+    text = f'meaning = "mine"\n[rows]\ndrivers = ["idm", "{run}"]\nvehicles = [2]\n'
+    (tmp_path / "own.toml").write_text(text + "seeds = { count = 1 }\n")
+    list(make(FileStudy(tmp_path / "own.toml"), short._replace(config=())))
+    assert [row["decisions"] for row in read_rows(short.out / "own.csv")] == ["3", "3"]
 
 
 def with_settings(*settings: str) -> Options:
@@ -196,7 +291,6 @@ TRAINED = """
 meaning = "trained drivers beside idm"
 columns = ["driver", "traffic", "vehicles", "seed", "safety_check", "mean_speed_m_s"]
 order = ["driver", "traffic", "vehicles", "seed"]
-settings_named = "{driver}"
 settings.safety.check = "strict"
 
 [rows]
@@ -238,6 +332,7 @@ def test_drivers_are_trained_once_and_drive_with_the_settings_of_the_study(
     facts = json.loads((short.out / "trained.json").read_text())
     assert facts["settings"]["seed 5"]["learning"]["seed"] == 5
     assert facts["settings"]["seed 5"]["safety"]["check"] == "paper"  # while it learned
+    assert facts["settings"]["seed 5, calm"]["safety"]["check"] == "strict"
     assert facts["episodes"] == {"seed 4": 2, "seed 5": 2}
     assert {"paper-4", "paper-5"} < facts["wall_time_s"].keys()
     speed = {(row["driver"], row["traffic"]): float(row["mean_speed_m_s"]) for row in rows}
