@@ -89,11 +89,16 @@ def keep_limits(
 ) -> None:
     """Reduce ``speeds`` to what the speed limits of a lane allow, as far as hard braking permits.
 
-    ``limits`` are ``RoadNumbers.speed_limits``, and the ego's front is at ``front_m``.
+    ``limits`` are ``RoadNumbers.speed_limits``, and the ego's front is at ``front_m``. Behind a
+    limit the ego accelerates no harder than ``speeds`` do.
     """
+    planned_m_s = speed_m_s
     for step in range(len(speeds) if len(limits) > 0 else 0):
         allowed = allowed_speed_in(limits, lane, front_m, step_s)
-        speed_m_s = min(speeds[step], max(allowed, speed_m_s - ego.hard_brake_m_s2 * step_s, 0.0))
+        is_behind, gain_m_s = speed_m_s < planned_m_s, max(speeds[step] - planned_m_s, 0.0)
+        planned_m_s = speeds[step]
+        wanted = min(planned_m_s, speed_m_s + gain_m_s) if is_behind else planned_m_s
+        speed_m_s = min(wanted, max(allowed, speed_m_s - ego.hard_brake_m_s2 * step_s, 0.0))
         front_m += speed_m_s * step_s
         speeds[step] = speed_m_s
 

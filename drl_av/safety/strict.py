@@ -168,7 +168,8 @@ class Strict(WholeCheck):
         ego, (values, codes, _, _, limits) = self._ego, scene.indicators
         speed, decision_s = values[24], ego.decision_interval_s
         ahead_m = values[FRONT] + speed * decision_s
-        allowed = allowed_speed_in(limits, codes[LANE], ahead_m, ego.step_length_s)
+        places_m = values[FRONT], ahead_m
+        allowed = min(allowed_speed_in(limits, codes[LANE], m, ego.step_length_s) for m in places_m)
         keeps = [
             speed + acceleration_of(how, ego) * decision_s <= allowed for how in range(len(ORDER))
         ]

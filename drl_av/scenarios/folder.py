@@ -89,7 +89,7 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
     _require_readable(folder)
     _require_free(folder)
     require_ego(description.vehicles)
-    texts = folder_files.scenario_texts(description)
+    texts, described = folder_files.scenario_texts(description), description
     what = f"The folder {folder.parent} cannot be made"
     with refusals(what, "choose another one", ScenarioError):
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -102,8 +102,9 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
                 raise ScenarioError(f"The scenario has a file {path.name} already: rename yours.")
             root = read_xml(path, OWN_ADDITIONAL, OWN_FILES)
             types = [each.attrib for each in root.iter("vType")]
-            names = [each.id for each in _own_types(types, str(path))]
-            read_types([*type_attributes(5.0, 1.8), *types], str(path), names)
+            own = _own_types(types, str(path))
+            described = _with(described, str(path), vehicle_types=(*described.vehicle_types, *own))
+            read_types([*type_attributes(5.0, 1.8), *types], str(path), [each.id for each in own])
             (unfinished / path.name).write_bytes(read_regular_file(path, OWN_FILES))
 
 
@@ -133,7 +134,7 @@ def load_scenario(folder: str | Path) -> Scenario:
         raise ScenarioError(f"There is no scenario folder {folder}: {WRITE_AGAIN}.")
     _require_readable(folder)
     name = folder_files.DESCRIPTION_FILE
-    description = read_description(folder / name)
+    description = as_read = read_description(folder / name)
     additional = [folder / name for name in folder_files.additional_files(description)]
     types_file, *others = additional
     types = [each.attrib for each in read_xml(types_file, ADDITIONAL, WRITE_AGAIN).iter("vType")]
@@ -151,7 +152,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     read_xml(folder / folder_files.VIEW_FILE, VIEW, WRITE_AGAIN)
     network_file = folder / NETWORK_FILE
     network = read_xml(network_file, NETWORK, WRITE_AGAIN)
-    layout = description.read_layout(network, str(network_file))
+    layout = as_read.read_layout(network, str(network_file))
     as_written = _require_unchanged(folder)
     if not as_written:
         _require_named(folder, {path.name for path in additional})

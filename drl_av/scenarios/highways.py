@@ -10,7 +10,6 @@ from drl_av.errors import ScenarioError
 from drl_av.road.road import OPEN_LAP_M, PartialLane, Road, lane_end_m, mandatory_change
 from drl_av.scenarios.layout import Edge, OpenPlan, OpenStart
 from drl_av.scenarios.open_road import BEYOND_M, START_M, OpenDescription
-from drl_av.scenarios.road_description import longest_m
 
 ON_RAMP_ASIDE_M, OFF_RAMP_ASIDE_M = 20.0, 40.0
 """Lateral distance from the highway at which the start of the on-ramp and the end of the off-ramp
@@ -162,7 +161,7 @@ class OnRamp(OpenDescription):
     @property
     def on_ramp(self) -> PartialLane:
         """The ramp and its acceleration lane; vehicles can change lanes only on the latter."""
-        begin_m = GORE_M - self.ramp_m - longest_m(self)
+        begin_m = GORE_M - self.ramp_m - self.longest_m
         end_m = GORE_M + self.acceleration_lane_m
         return PartialLane(0, begin_m, end_m, GORE_M, end_m)
 

@@ -20,7 +20,6 @@ from drl_av.scenarios.road_description import (
     PlacedVehicle,
     RoadDescription,
     check_sizes,
-    longest_m,
 )
 
 BARRICADES_FILE = "barricades.add.xml"
@@ -183,7 +182,7 @@ def demo_vehicles(description: ScenarioDescription) -> tuple[PlacedVehicle, ...]
     if description.vehicles:
         return description.vehicles
     lanes = [lane for lane, is_open in enumerate(description.open_lanes) if is_open]
-    most = math.floor(description.circumference_m / max(DEMO_PITCH_M, 6 * longest_m(description)))
+    most = math.floor(description.circumference_m / max(DEMO_PITCH_M, 6 * description.longest_m))
     rows = min(math.ceil(DEMO_VEHICLES / len(lanes)), max(1, most))
     pitch_m = description.circumference_m / rows
     return tuple(

@@ -207,6 +207,11 @@ class RoadDescription(ABC):
         return toml_text(self)
 
     @property
+    def longest_m(self) -> float:
+        """The length of the longest vehicle, metres."""
+        return max([self.vehicle_length_m, *(each.length_m for each in self.vehicle_types)])
+
+    @property
     def summary(self) -> str:
         """What was made of the user's own files, in a few lines; "" if there are none."""
         return ""
@@ -232,12 +237,6 @@ def toml_text(description: RoadDescription, **changed: Any) -> str:
     return tomli_w.dumps(
         {key: value for key, value in values.items() if value or key not in (TYPES, FILES)}
     )
-
-
-def longest_m(description: RoadDescription) -> float:
-    """Return the length of the longest vehicle of a description, metres."""
-    types = description.vehicle_types
-    return max([description.vehicle_length_m, *(each.length_m for each in types)])
 
 
 def check_sizes(description: RoadDescription) -> None:

@@ -19,8 +19,8 @@ from drl_av.road.road import (
     SpeedLimit,
 )
 from drl_av.road.snapshot import Snapshot
-from drl_av.road.vehicle_types import AS_WRITTEN, LENGTHS_M, VehicleType, VehicleTypes
-from drl_av.simulation.vehicle_calls import ALL_SPEED_CHECKS_OFF, getters, take_control
+from drl_av.road.vehicle_types import LENGTHS_M, VehicleTypes
+from drl_av.simulation.vehicle_calls import getters, take_control, types_in_use
 
 ORIGIN_M = OPEN_LAP_M / 2
 """Position along our road at which the vehicle's present edge begins."""
@@ -79,7 +79,8 @@ class Surroundings:
         self._strips: Strips = {}
         self._beside: Strips = {}
         """Lanes that are no part of our road, from which bodies reach into it."""
-        self._ends_m: dict[int, float] = {}
+        self._ends_m: dict[int, list[float]] = {}
+        """Where the lanes of each index end; another one with this index may begin behind it."""
         self._closed: set[int] = set()
         self.route: Sequence[str] = ()
         """The edges of the vehicle's route when it was read last."""
@@ -116,6 +117,11 @@ class Surroundings:
         """Whether SUMO took the vehicle from its place in the last step, to put it elsewhere."""
         return self.name in self._sumo.simulation.getStartingTeleportIDList()
 
+    @property
+    def _way(self) -> Sequence[str]:
+        """The edges of the route from the present one on."""
+        return self.route[max(self._sumo.vehicle.getRouteIndex(self.name), 0) :]
+
     def _read_route(self) -> None:
         self.route = self._sumo.vehicle.getRoute(self.name)
         self.lane_width_m = self._lane_width_m()
@@ -138,42 +144,12 @@ class Surroundings:
             self._sumo.vehicle.changeSublane(self.name, aside_m)
 
     def vehicle_types(self, ego: EgoConfig) -> VehicleTypes:
-        """Return the limits of SUMO's vehicle types, and of the vehicle after ``take_control``.
-
-        Of their models SUMO tells only ``tau`` and how often they act: the rest is taken for ours.
-        Another vehicle that we drive, whose type SUMO calls TYPE@NAME, has the limits of this one.
-        """
-        kinds, vehicle, name = self._sumo.vehicletype, self._sumo.vehicle, self.name
-        traffic_id = vehicle.getTypeID(name).removesuffix(f"@{name}")
-        ours = {f"{traffic_id}@{name}"}
-        for each in vehicle.getIDList():
-            if vehicle.getSpeedMode(each) == ALL_SPEED_CHECKS_OFF:
-                kind = vehicle.getTypeID(each)
-                ours |= {kind} if kind.endswith(f"@{each}") else set()
-        reads: Sequence[Any] = (
-            *(kinds.getLength, kinds.getWidth, kinds.getAccel, kinds.getDecel),
-            *(kinds.getEmergencyDecel, kinds.getMaxSpeedLat, self._model_of),
-        )
-        found = {
-            kind: VehicleType(*(read(kind) for read in reads))
-            for kind in kinds.getIDList()
-            if kind not in ours and (not kind.startswith("DEFAULT_") or kind == traffic_id)
-        }
-        size_m, hard_m_s2 = (vehicle.getLength(name), vehicle.getWidth(name)), ego.hard_brake_m_s2
-        limits = ego.accelerate_m_s2, hard_m_s2, hard_m_s2, AS_WRITTEN.ego.lateral_speed_m_s
-        own = VehicleType(*size_m, *limits, AS_WRITTEN.ego.model)
-        return VehicleTypes(found.pop(traffic_id), own, found, traffic_id)
-
-    def _model_of(self, kind: str) -> tuple[tuple[str, str], ...]:
-        """Return the model of a type: ours, its tau, and an actionStepLength above a SUMO step."""
-        kinds, own = self._sumo.vehicletype, AS_WRITTEN.traffic.model
-        acts_s, tau = float(kinds.getActionStepLength(kind)), f"{kinds.getTau(kind):g}"
-        late = acts_s > self._sumo.simulation.getDeltaT() + 1e-6
-        return *own, ("tau", tau), *((("actionStepLength", f"{acts_s:g}"),) if late else ())
+        """Return the limits of the vehicles, as ``types_in_use`` does."""
+        return types_in_use(self._sumo, self.name, ego)
 
     def lane_that_gives_way(self) -> str:
         """Return the first lane of the route that gives way or has a light; "" if none does."""
-        for edge, following in pairwise(self.route):
+        for edge, following in pairwise(self._way):
             for lane in self._lanes_of(edge):
                 for approached, _, _, _, _, state, *_ in self._sumo.lane.getLinks(lane):
                     if _edge_of(approached) == following and state != "M":
@@ -181,7 +157,7 @@ class Surroundings:
         return ""
 
     def _lane_width_m(self) -> float:
-        lane, edges = self._sumo.lane, dict.fromkeys(self.route)
+        lane, edges = self._sumo.lane, dict.fromkeys(self._way)
         widths_m = {name: lane.getWidth(name) for edge in edges for name in self._lanes_of(edge)}
         first_m = widths_m[next(iter(widths_m))]
         for name, width_m in widths_m.items():
@@ -210,11 +186,12 @@ class Surroundings:
         self._beside, self._ends_m = {}, {}
         self._follow_route(lanes)
         self._follow_back(lanes)
+        self._follow_merging()
         lowest = min(strip.lane for _, strip in self._pairs())
         for each in (self._strips, self._beside):
             for own in each.values():
                 own[:] = [one._replace(lane=one.lane - lowest) for one in own]
-        self._ends_m = {index - lowest: end_m for index, end_m in self._ends_m.items()}
+        self._ends_m = {index - lowest: ends_m for index, ends_m in self._ends_m.items()}
         open_lanes = self._lanes_of(self._edge)
         self._closed = {self._strips[lane][0].lane for lane in lanes if lane not in open_lanes}
 
@@ -231,21 +208,34 @@ class Surroundings:
                     self._strips.setdefault(before, []).append(strip)
                     left.append((before, strip))
 
+    def _follow_merging(self) -> None:
+        """Add the lanes inside junctions on which others enter a strip; they may have to yield."""
+        left = [*self._pairs()]
+        while left:
+            lane, (index, begin_m, _) = left.pop()
+            for before in self._before.get(lane, ()):
+                if before[:1] == ":" and before not in self._strips and before not in self._beside:
+                    inside = Strip(index, begin_m - self._length_m[before])
+                    self._beside[before] = [inside]
+                    left.append((before, inside))
+
     def _follow_route(self, lanes: Sequence[str]) -> None:
         """Add the strips ahead along the route, as far as the range and its lane changes reach."""
-        ahead = self.route[self._sumo.vehicle.getRouteIndex(self.name) + 1 :]
+        ahead = self._way[1:]
         sight_m = max(self._range_m, LANE_CHANGE_DUE_M * len(lanes))
         last_m = ORIGIN_M + self._length_m[lanes[0]] + sight_m
         here = {lane: self._strips[lane][0] for lane in lanes}
+        wanted = {each for *_, way in self._sumo.vehicle.getBestLanes(self.name) for each in way}
         for following, next_edge in zip_longest(ahead, ahead[1:], fillvalue=""):
             names, arrived = self._lanes_of(following), dict[str, Strip]()
-            # of several lanes to which one leads, the one that leads on carries its number
-            best = [name for name in names if self._leads_to(name, next_edge)] or names
+            # of several lanes to which one leads, the one that SUMO drives carries its number
+            best = [name for name in names if name in wanted]
+            best = best or [name for name in names if self._leads_to(name, next_edge)] or names
             # of two lanes that lead to one, the one that need not give way goes on
             for lane in sorted(here, key=lambda lane: not self._is_major(lane, names)):
                 if not self._lead_on(lane, here[lane], names, best, arrived):
                     end_m = here[lane].begin_m + self._length_m[lane]
-                    self._ends_m.setdefault(here[lane].lane, end_m)
+                    self._ends_m.setdefault(here[lane].lane, []).append(end_m)
             if not arrived:
                 return
             here = {name: _beside(name, arrived) for name in names}
@@ -331,18 +321,21 @@ class Surroundings:
 
         Vehicles can change to it or from it only on the edges of the route.
         """
-        route = {self._edge, *self.route}
-        begins_m, joined_m = dict[int, float](), dict[int, float]()
+        route, parts = {self._edge, *self.route}, []
+        begins_m, joined_m = dict[int, list[float]](), dict[int, list[float]]()
         for lane, (index, begin_m, _) in self._pairs():
-            begins_m[index] = min(begin_m, begins_m.get(index, math.inf))
+            begins_m.setdefault(index, []).append(begin_m)
             if _edge_of(lane) in route:
-                joined_m[index] = min(begin_m, joined_m.get(index, math.inf))
-        parts = []
-        for index, begin_m in sorted(begins_m.items()):
-            end_m, from_m = self._ends_m.get(index, math.inf), joined_m[index]
-            if end_m < math.inf or from_m > ORIGIN_M or begin_m < from_m:
-                parts.append(PartialLane(index, begin_m, end_m, from_m, end_m))
-        lanes = tuple(index not in self._closed for index in range(max(begins_m) + 1))
+                joined_m.setdefault(index, []).append(begin_m)
+        for index, begins in sorted(begins_m.items()):
+            for low, high in pairwise([-math.inf, *sorted(self._ends_m.get(index, ())), math.inf]):
+                begin_m = min((m for m in begins if low - 1e-6 <= m < high - 1e-6), default=high)
+                own = [m for m in joined_m[index] if low - 1e-6 <= m < high - 1e-6]
+                from_m = min(own, default=high)
+                if begin_m < high and (high < math.inf or from_m > ORIGIN_M or begin_m < from_m):
+                    parts.append(PartialLane(index, begin_m, high, from_m, high))
+        open_lanes = begins_m.keys() - self._closed
+        lanes = tuple(index in open_lanes for index in range(max(begins_m) + 1))
         lines, limits = tuple(self._forbidden_lines()), self._speed_limits(len(lanes))
         ground = OPEN_LAP_M, self.lane_width_m, lanes, OPEN_LAP_M, tuple(parts)
         return Road(*ground, forbidden_lines=lines, speed_limits=limits)

@@ -11,6 +11,7 @@ from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, TrafficConfig
 from drl_av.road.road import CENTERED_M, FloatArray, is_partial
 from drl_av.road.snapshot import EGO_ID
+from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 from drl_av.scenarios.folder import Scenario
 from drl_av.scenarios.layout import Layout, route_on
 from drl_av.simulation.population import Population
@@ -248,3 +249,40 @@ def getters(sumo: ModuleType, names: Sequence[str]) -> list[Callable[..., Any]]:
     """
     within = getattr(sumo, "_libsumo", None)
     return [getattr(within, f"vehicle_{name}", getattr(sumo.vehicle, name)) for name in names]
+
+
+def types_in_use(sumo: Any, name: str, ego: EgoConfig) -> VehicleTypes:
+    """Return the limits of SUMO's vehicle types, and of the vehicle ``name`` under our control.
+
+    SUMO's default types count if a vehicle that it has loaded has them. Of their models SUMO tells
+    only ``tau`` and how often they act: the rest is taken for ours. Another vehicle that we drive,
+    whose type SUMO calls TYPE@NAME, has the limits of this one.
+    """
+    kinds, vehicle = sumo.vehicletype, sumo.vehicle
+    traffic_id = vehicle.getTypeID(name).removesuffix(f"@{name}")
+    ours, used = {f"{traffic_id}@{name}"}, {traffic_id}
+    for each in vehicle.getLoadedIDList():
+        used.add(kind := vehicle.getTypeID(each))
+        if kind.endswith(f"@{each}") and vehicle.getSpeedMode(each) == ALL_SPEED_CHECKS_OFF:
+            ours.add(kind)
+    found = {
+        kind: VehicleType(
+            *(kinds.getLength(kind), kinds.getWidth(kind), kinds.getAccel(kind)),
+            *(kinds.getDecel(kind), kinds.getEmergencyDecel(kind), kinds.getMaxSpeedLat(kind)),
+            _model_of(sumo, kind),
+        )
+        for kind in kinds.getIDList()
+        if kind not in ours and (not kind.startswith("DEFAULT_") or kind in used)
+    }
+    size_m, hard_m_s2 = (vehicle.getLength(name), vehicle.getWidth(name)), ego.hard_brake_m_s2
+    limits = ego.accelerate_m_s2, hard_m_s2, hard_m_s2, AS_WRITTEN.ego.lateral_speed_m_s
+    own = VehicleType(*size_m, *limits, AS_WRITTEN.ego.model)
+    return VehicleTypes(found.pop(traffic_id), own, found, traffic_id)
+
+
+def _model_of(sumo: Any, kind: str) -> tuple[tuple[str, str], ...]:
+    """Return the model of a type: ours, its tau, and an actionStepLength above a SUMO step."""
+    kinds, own = sumo.vehicletype, AS_WRITTEN.traffic.model
+    acts_s, tau = float(kinds.getActionStepLength(kind)), f"{kinds.getTau(kind):g}"
+    late = acts_s > sumo.simulation.getDeltaT() + 1e-6
+    return *own, ("tau", tau), *((("actionStepLength", f"{acts_s:g}"),) if late else ())

@@ -334,6 +334,63 @@ def test_a_lane_that_splits_goes_on_in_the_lane_that_leads_on(tmp_path: Path) ->
     assert "queue" in scene.snapshot.ids
 
 
+def test_a_lane_that_splits_goes_on_in_the_lane_that_sumo_drives(tmp_path: Path) -> None:
+    """Lane 0 of e1 is one more edge in which the lane to the exit begins: SUMO takes lane 1."""
+    off = '<edge id="out" from="n3" to="y" numLanes="1" speed="30" width="3.5"/>'
+    ways = ["e0 0 e1 0", "e0 0 e1 1", "e0 1 e1 2", *(f"e1 {k} e2 {k}" for k in range(3))]
+    ways += ["e2 0 out 0", "e2 1 e3 0", "e2 2 e3 1"]
+    net = a_road(tmp_path, [2, 3, 3, 2], ways, off)
+    stands = '<route id="there" edges="e1 e2 e3"/>' + car("stands", 1, 50, 0, "there")
+    begin_on(net, "e0 e1 e2 e3", car("ego", 0, 300, 20, "way") + stands)
+    _, scene, _ = attached()
+    gap_m = sumo.lane.getLength("e0_0") - 300 + 50 - 5
+    assert gap_m < scene.affordances.own_front.gap_m < gap_m + 10  # the lane in the junction
+    assert scene.affordances.mandatory.lanes == 0
+
+
+def test_a_vehicle_on_the_way_in_is_seen_though_it_gives_way(tmp_path: Path) -> None:
+    on = '<edge id="ramp" from="y" to="n1" numLanes="1" speed="20" width="3.5" priority="-1"/>'
+    net = a_road(tmp_path, [1, 1], ["e0 0 e1 0", "ramp 0 e1 0"], on)
+    enters = '<route id="aside" edges="ramp e1"/>' + car("enters", 0, 200, 6, "aside")
+    begin_on(net, "e0 e1", car("ego", 0, 5, 0, "way") + enters)
+    sumo.vehicle.moveTo("ego", "e0_0", sumo.lane.getLength("e0_0") - 150)
+    sumo.vehicle.moveTo("enters", "ramp_0", sumo.lane.getLength("ramp_0") - 1)
+    while not sumo.vehicle.getLaneID("enters").startswith(":"):
+        sumo.vehicle.setSpeed("ego", 0.0)
+        sumo.simulationStep()
+    left_m = sumo.lane.getLength("e0_0") - sumo.vehicle.getLanePosition("ego")
+    assert left_m - 5 < attached()[1].affordances.own_front.gap_m < left_m + 20
+
+
+def test_the_exit_counts_behind_another_lane_of_its_number_that_ends(tmp_path: Path) -> None:
+    """Lane 0 of e1 ends; that of e3, which has its number, leads to the exit."""
+    off = '<edge id="out" from="n4" to="y" numLanes="1" speed="30" width="3.5"/>'
+    ways = ["e0 0 e1 1", "e0 1 e1 2", "e1 1 e2 0", "e1 2 e2 1", "e2 0 e3 1", "e2 1 e3 2"]
+    net = a_road(tmp_path, [2, 3, 2, 3, 2], [*ways, "e3 0 out 0"], off, metres=150)
+    begin_on(net, "e0 e1 e2 e3 out", car("ego", 1, 100, 20, "way"))
+    _, scene, _ = attached()
+    assert scene.affordances.mandatory == (-2, pytest.approx(3 * 150 + 50, abs=25))
+
+
+def test_the_way_that_lies_behind_the_ego_does_not_count(tmp_path: Path) -> None:
+    on = '<edge id="ramp" from="y" to="n1" numLanes="1" speed="30" width="3" priority="-1"/>'
+    net = a_road(tmp_path, [1, 1], ["e0 0 e1 0", "ramp 0 e1 0"], on)
+    came = '<route id="came" edges="ramp e1"/>' + car("ego", 0, 10, 20, "came")
+    begin_on(net, "e0 e1", came)
+    sumo.vehicle.moveTo("ego", "e1_0", 100.0)
+    sumo.simulationStep()
+    attached(Does(), "strict")  # the ramp is narrower, and gives way
+
+
+def test_a_closed_lane_between_open_ones_does_not_exist_before_it_begins(tmp_path: Path) -> None:
+    net = a_road(tmp_path, [2, 4], ["e0 0 e1 2", "e0 1 e1 3"])
+    begin_on(net, "e0 e1", car("ego", 0, 300, 20, "way"))
+    sumo.lane.setDisallowed("e1_1", ["all"])
+    _, scene, decision = attached(Does(MAINTAIN_RIGHT))
+    assert not scene.affordances.right_lane
+    assert decision["rule"] == "off_road"
+
+
 def test_behind_a_lane_that_splits_a_vehicle_counts_in_both_lanes(tmp_path: Path) -> None:
     net = a_road(tmp_path, [2, 3], ["e0 0 e1 0", "e0 0 e1 1", "e0 1 e1 2"])
     behind = '<route id="all" edges="e0 e1"/>' + car("behind", 0, 350, 29, "all")
@@ -537,6 +594,12 @@ def test_a_type_that_brakes_harder_or_later_is_refused_under_strict(
         attached("gap-mobil", "strict")
     assert key.partition("=")[0] in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_the_default_type_is_refused_under_strict_if_a_vehicle_has_it(net: Path) -> None:
+    begin(net, car("ego", 1, 100) + '<vehicle id="usual" route="on" depart="0" departPos="300"/>')
+    with pytest.raises(ConfigError, match="DEFAULT_VEHTYPE must be at most strict"):
+        attached(Does(), "strict")
 
 
 def test_strict_is_refused_where_the_route_has_a_light_and_paper_drives(tmp_path: Path) -> None:

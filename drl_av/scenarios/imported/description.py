@@ -348,7 +348,7 @@ class ImportedDescription(OpenDescription):
         usual, limits = TrafficConfig(), self.plan().start.speed_limits
         speed_m_s = min(usual.desired_speed_min_m_s, *(one.limit_m_s for one in limits))
         headway_s = (usual.headway_min_s + usual.headway_max_s) / 2
-        pitch_m = self.vehicle_length_m + STANDSTILL_GAP_M + headway_s * speed_m_s
+        pitch_m = self.longest_m + STANDSTILL_GAP_M + headway_s * speed_m_s
         most_per_h = math.floor(3600 * speed_m_s / pitch_m)
         if self.flow_per_h > most_per_h:
             raise ScenarioError(
