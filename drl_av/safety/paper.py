@@ -143,11 +143,12 @@ def checked_lateral(
         return back, OFF_ROAD
     if is_clear(values, codes, end - codes[LANE], safety):
         return proposed, 0
+    back_to = start - codes[LANE]
     goes_back = (
         still
         or safety.printed_rule_3
-        or is_clear(values, codes, start - codes[LANE], safety)
-        or start == codes[LANE]
+        or back_to == 0
+        or (has_lane(codes, back_to) and is_clear(values, codes, back_to, safety))
     )
     return (back, LANE_CHANGE) if goes_back else (proposed, 0)
 

@@ -89,7 +89,8 @@ def _checked_lateral(scene: Scene, proposed: Lateral, config: SafetyConfig) -> t
     if scene.lane_change is None:
         return Lateral.KEEP, Rule.LANE_CHANGE
     goes_back = config.printed_rule_3 or wanted.origin == affordances.lane
-    if goes_back or lane_is_clear(affordances, wanted.origin, config):
+    there = has_lane(affordances, wanted.origin - affordances.lane)
+    if goes_back or (there and lane_is_clear(affordances, wanted.origin, config)):
         return toward(-wanted.sign), Rule.LANE_CHANGE
     return proposed, Rule.NONE
 

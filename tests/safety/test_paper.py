@@ -258,6 +258,11 @@ def test_past_the_line_a_lane_change_is_aborted_where_the_way_back_is_clear() ->
     assert checked(world, TO_LEFT).action.lateral is TO_RIGHT
 
 
+def test_past_the_line_there_is_no_way_back_to_a_lane_that_is_closed() -> None:
+    world = changing(behind(5, CENTER), origin=0, target=1, seconds=3, road=BARRICADED_ROAD)
+    assert checked(world) == Verdict(Action(KEEP, ACCELERATE), Rule.NONE)
+
+
 def test_the_ego_that_wants_back_is_sent_on_where_the_way_back_is_not_clear() -> None:
     world = changing(behind(5, CENTER), origin=1, target=2, seconds=3)
     verdict = checked(world, TO_RIGHT)
