@@ -32,6 +32,7 @@ from drl_av.twin.worlds import (
     LANE,
     LATERAL_SPEED_M_S,
     LENGTH_M,
+    PRESENT,
     SPEED_M_S,
     WIDTH_M,
     FloatArray,
@@ -157,7 +158,7 @@ def look_all(worlds: Worlds, episodes: Episodes, task: Task, rows: IntArray) -> 
     for w in rows:
         world = World(worlds.x[w], worlds.z[w], worlds.notes[w], worlds.near[w])
         read_scene(world, task.net, episodes.scene[w])
-        look(episodes, task, w, world.near[COUNT])
+        look(episodes, task, w, world.near[PRESENT])
 
 
 @compiled
@@ -197,7 +198,7 @@ def decide(
     episodes.decisions[w] += 1
     episodes.sums[w, 0] += scene[2, 0]
     episodes.sums[w, 1] += episodes.rules[w, action] != 0
-    look(episodes, task, w, world.near[COUNT])
+    look(episodes, task, w, world.near[PRESENT])
 
 
 @borrowing

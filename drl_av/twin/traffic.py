@@ -47,6 +47,7 @@ from drl_av.twin.worlds import (
     ON_REQUEST_ONLY,
     ORDER,
     OVERTAKES_RIGHT,
+    PRESENT,
     REQUEST_END,
     REQUEST_LANE,
     REQUESTED_M_S,
@@ -293,7 +294,7 @@ def write_vehicles(
             x[EXPECTED_M_S + number, i] = desired[row] if is_seen else -1.0
         z[LANE, i], z[ORDER, i], z[MASK, i], z[IS_FULL, i] = lane[row], i, 1 << lane[row], 1
         z[REQUEST_END, i], z[REQUEST_LANE, i], z[SHADOW, i], z[RESERVED, i] = -1, -1, -1, -1
-    world.near[COUNT] = first + len(lane)
+    world.near[COUNT] = world.near[PRESENT] = first + len(lane)
 
 
 @compiled
@@ -341,6 +342,7 @@ def exchange(
         parts = present[:stay], present[before:], present[stay:before]
         if before > stay:
             keep_vehicles(world, np.concatenate(parts))
+    world.near[PRESENT] = len(kept) + len(driver_models)
     sort_and_activate(world, net)
 
 

@@ -68,10 +68,11 @@ COUNT, STEP, ACTIVE_COUNT, HAS_CHANGED = 16, 17, 18, 19
 """Entries of ``near``: the vehicles of the world, the ego included; its SUMO steps since the start;
 the length of SUMO's list of the strips with vehicles (``keep_active``); and 1 if a vehicle has
 changed lanes in this step."""
-OVERTAKES_RIGHT, KEEPS_DISTANCE, DRIVER_COUNT = 20, 21, 22
+OVERTAKES_RIGHT, KEEPS_DISTANCE, DRIVER_COUNT, PRESENT = 20, 21, 22, 23
 """Further entries: 1 if a vehicle may be passed on the right above 60 km/h; 1 if each vehicle stays
-slow enough to stop behind the one ahead; and the number of drivers of our own."""
-ACTIVE = 23
+slow enough to stop behind the one ahead; the number of drivers of our own; and the vehicles that
+have not left an open road."""
+ACTIVE = 24
 """First entry of ``near`` with that list."""
 MOST_STRIPS = 62
 """Most strips: they are the bits of a set."""

@@ -112,6 +112,18 @@ def test_many_worlds_drive_as_one(road: str) -> None:
     assert len(entered) > len(one.scene.snapshot.ids)  # some have left
 
 
+def test_who_has_left_the_road_is_out_of_sight_of_many_worlds_too() -> None:
+    config = {"simulation": {"world": "twin"}, "observation": {"range_m": 1000.0}}
+    kind = {"num_envs": 1, "vectorization_mode": "vector_entry_point", "config": config}
+    many = gymnasium.make_vec("drl_av/Straight-v0", **kind)
+    one = gymnasium.make("drl_av/Straight-v0", config=config).unwrapped
+    for env in (one, many):
+        env.reset(seed=1_000_008, options={"vehicles": 5})
+    for decision in range(66):  # at the 63rd the one ahead is 416 m away, and has left
+        (seen, *_), (there, *_) = one.step(1), many.step(np.array([1]))
+        assert there[0] == pytest.approx(seen, abs=1e-6), decision
+
+
 @pytest.fixture(scope="module")
 def net() -> Net:
     return net_of(load_scenario(find_scenario("merge")), CALM)
