@@ -22,8 +22,9 @@ PRESETS: dict[str, Config] = {
     .updated("learning", algorithm="ppo")
     .updated("safety", check="strict")
     .updated("traffic", presets=SINGLE_PRESETS, vehicles_max=40)
-    .updated("ppo", asymmetric_critic=True, decisions=13_000_000, learning_rate=1e-3)
-    .updated("ppo", discount=0.98, gae_lambda=0.8, short_headway_cost=0.2, lane_units=48),
+    .updated("ppo", asymmetric_critic=True, decisions=15_000_000, learning_rate=1e-3)
+    .updated("ppo", discount=0.98, gae_lambda=0.8, short_headway_cost=0.2)
+    .updated("ppo", lane_units=48, hidden_1=96, hidden_2=96),
     "literal": from_sections(LITERAL),
 }
 
