@@ -57,7 +57,7 @@ crime: setup
 prove: setup
 	$(BIN)/python -m verification.prove
 
-# The shipped driver, trained again (16 minutes).
+# The shipped driver, trained again (half an hour).
 pretrained: setup
 	$(BIN)/drl-av train --preset large --out runs/pretrained
 	cd runs/pretrained && cp config.toml policy.safetensors ../../drl_av/pretrained/

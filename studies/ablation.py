@@ -43,6 +43,8 @@ COUNTS = 5, 10, 15, 20, 25
 FIRST_SEED, EPISODES = 870_000, 100
 RULE = "gap-mobil"
 NOTHING = np.zeros(0, np.float32)
+PRESET = PRESETS["large"].updated("ppo", hidden_1=192, hidden_2=128, decisions=13_000_000)
+"""The preset ``large`` of version 0.9.0, of which the published trainings are."""
 
 
 class IndicatorWorlds(TwinWorlds):
@@ -118,7 +120,7 @@ def _ppo(**settings: object) -> Callable[[Config], Config]:
 
 COSTS = "abort_cost", "reversal_cost", "hard_brake_cost", "short_headway_cost", "forced_brake_cost"
 VARIANTS = {
-    "lanes": Variant("the preset", _ppo(lane_units=PRESETS["large"].ppo.lane_units), trainings=2),
+    "lanes": Variant("the preset", _ppo(lane_units=PRESET.ppo.lane_units), trainings=2),
     "large": Variant("no layer that lanes share", trainings=2),
     "both": Variant("checks strict and paper", worlds=TwoCheckWorlds),
     "indicators": Variant("27 indicators", worlds=IndicatorWorlds),
@@ -151,7 +153,7 @@ class Row(NamedTuple):
 
 def settings(variant: str, seed: int) -> Config:
     """Return the settings of a training."""
-    preset = PRESETS["large"].updated("ppo", decisions=DECISIONS, lane_units=0)
+    preset = PRESET.updated("ppo", decisions=DECISIONS, lane_units=0)
     return VARIANTS[variant].changes(preset.updated("learning", seed=seed))
 
 
@@ -181,7 +183,7 @@ def speeds(kind: str, kept: Path | None, base: type[TwinWorlds]) -> tuple[FloatA
 
     ``kept`` is the policy's file; without one the rule drives.
     """
-    config = PRESETS["large"].updated("traffic", presets=(kind,))
+    config = PRESET.updated("traffic", presets=(kind,))
     worlds = base(config.updated("ppo", worlds=EPISODES * len(base.kinds(config))), 0)
     part, everywhere = worlds.parts[0], np.arange(EPISODES)
     layers, rule = [], rule_driver(RULE, config.with_traffic(kind))

@@ -14,16 +14,15 @@ import pandas as pd
 
 from drl_av.cli.console import exit_status
 from drl_av.config import SINGLE_PRESETS
-from drl_av.config.presets import PRESETS
 from drl_av.evaluation.figure_style import one_panel, save_figure
 from drl_av.learning.large_scale import learner_of, save_actor
 from drl_av.learning.twin_worlds import TwinWorlds
-from studies.ablation import command_line, complete, gain, gains, is_trained
+from studies.ablation import PRESET, command_line, complete, gain, gains, is_trained
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-POINTS = 500_000, 1_000_000, 2_000_000, 5_000_000, PRESETS["large"].ppo.decisions
+POINTS = 500_000, 1_000_000, 2_000_000, 5_000_000, PRESET.ppo.decisions
 """Decisions after which a policy is kept, each rounded down to whole updates; the last ends it."""
 
 
@@ -41,7 +40,7 @@ class Row(NamedTuple):
 def train(runs: Path, job: tuple[int]) -> None:
     """Train the preset with a seed, and keep its policies."""
     [seed] = job
-    config = PRESETS["large"].updated("learning", seed=seed)
+    config = PRESET.updated("learning", seed=seed)
     if is_trained(_policy_file(runs, seed, POINTS[-1]), config):
         return
     learner, batch = learner_of(config, TwinWorlds(config, seed)), config.ppo.batch_size
