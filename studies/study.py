@@ -112,12 +112,6 @@ class FileStudy:
             raise ConfigError(f"{self.path} is not valid TOML: {error}.") from error
         rows = _checked(self.path, "", content)["rows"]
         seeds = _checked(self.path, "seeds", _checked(self.path, "rows", rows)["seeds"])
-        first = seeds.get("first", 0)
-        if not 0 <= first < first + seeds["count"] <= TRAINING_SEED_RANGE[0]:
-            raise ConfigError(
-                f"{self.path} has the seeds from {first} to {first + seeds['count'] - 1}: name one "
-                f"or more of 0 to {TRAINING_SEED_RANGE[0] - 1}, which no training drives."
-            )
         if content.get("metrics", "episode") not in METRICS:
             raise ConfigError(f"{self.path}: metrics must be one of {', '.join(METRICS)}.")
         for part in ("variants", "trainings", "tables", "figures"):
@@ -130,6 +124,13 @@ class FileStudy:
                             f"{self.path} has the measure {one}: it must have one of the keys "
                             f"{', '.join(sorted(MEASURES))}."
                         )
+        first, variants = seeds.get("first", 0), content.get("variants", {}).values()
+        for count in (seeds["count"], *(v["episodes"] for v in variants if "episodes" in v)):
+            if not 0 <= first < first + count <= TRAINING_SEED_RANGE[0]:
+                raise ConfigError(
+                    f"{self.path} has the seeds from {first} to {first + count - 1}: name one or "
+                    f"more of 0 to {TRAINING_SEED_RANGE[0] - 1}, which no training drives."
+                )
         return content
 
     @property
@@ -201,9 +202,8 @@ class FileStudy:
                     folder = options.runs / self.filled(own.get("folder", template), **words)
                     if config.learning.algorithm == "ppo":
                         raise ConfigError(
-                            f"{self.path}: the base {own['base']} of {template} trains by PPO, but "
-                            "a study trains by Algorithm 1: train it with drl-av train, and name "
-                            "its folder among the drivers."
+                            f"{self.path}: {template} trains by PPO, but a study by Algorithm 1: "
+                            "name the folder of a run of drl-av train among the drivers."
                         )
                     if any(each.job.folder == folder for each in found):
                         raise ConfigError(
@@ -232,15 +232,22 @@ class FileStudy:
         """
         trained, specs = self.trained(options), find_drivers(self.drivers)
         if group := next((each.group for each in specs if each.group), None):
-            raise ConfigError(
-                f"{self.path}: drivers has the group {group}: name each of its trainings."
-            )
+            raise ConfigError(f"{self.path}: drivers has the group {group}: name its trainings.")
         settings: dict[str, Config] = {}
         cells, place = list(self._cells(trained, options, settings)), self._place(trained)
         if not cells:
             raise ConfigError(
                 f"{self.path} drives nothing: [rows] needs drivers or trainings, and vehicles."
             )
+        _, result = METRICS[self.file.get("metrics", "episode")]
+        own = {each.name: each for each in fields(result)}
+        for lacks in ({*self.columns, *self.order} - {"*", *own, *c.row("", 0)} for c in cells):
+            if lacks:
+                hint = did_you_mean(name := min(lacks), own)
+                raise ConfigError(
+                    f"{self.path}: an episode lacks the column {name!r}{hint}: correct or remove "
+                    "it, or give it to each variant."
+                )
         begun = [place(c.row(driver, c.seeds[0])) for c in cells for driver in c.drivers]
         if len({*begun}) < len(begun):
             raise ConfigError(
@@ -248,18 +255,19 @@ class FileStudy:
                 "column of the variants to order and columns."
             )
         scenarios = {config.simulation.scenario for config in settings.values()}
-        inputs = Inputs(
-            settings,
-            checksums(specs),
-            {each.name: each.job.stop for each in trained},
-            {f"scenario {name}": files_digest(find_scenario(name)) for name in scenarios},
-        )
-        return Plan(inputs, place, cells=cells)
+        files = {f"scenario {name}": files_digest(find_scenario(name)) for name in scenarios}
+        stops = {each.name: each.job.stop for each in trained}
+        return Plan(Inputs(settings, checksums(specs), stops, files), place, cells=cells)
 
     @property
     def columns(self) -> list[str]:
         """The columns of the table; "*" stands for all fields of an episode."""
         return list(self.file.get("columns", [*self._varying, "*"]))
+
+    @property
+    def order(self) -> list[str]:
+        """The columns by which the rows are sorted."""
+        return list(self.file.get("order", [*self._varying, "vehicles", "seed", "driver"]))
 
     @property
     def _varying(self) -> list[str]:
@@ -302,7 +310,7 @@ class FileStudy:
                     settings[made.name] = made.job.config
                 where_driven = [kind, variant.name]
                 if made and not any(where_driven) and config != made.job.config:
-                    where_driven.append("driving")
+                    where_driven = ["driving"]
                 settings[", ".join(filter(None, [trained_name, *where_driven]))] = config
                 key = {} if kind is None else {"traffic": kind}
                 key |= {"variant": variant.name} if variant.name else {}
@@ -326,19 +334,13 @@ class FileStudy:
         for column in {name for each in self.variants for name in each.columns}:
             found = (each.columns[column] for each in self.variants if column in each.columns)
             known[column] = dict.fromkeys(found)
-        order = self.file.get("order", [*self._varying, "vehicles", "seed", "driver"])
-        if others := [column for column in order if column not in known]:
+        if others := [column for column in self.order if column not in known]:
             words = ", ".join(known)
             raise ConfigError(f"{self.path}: order has {others[0]!r}, but must be of {words}.")
-        _, result = METRICS[self.file.get("metrics", "episode")]
-        own = [each.name for each in fields(result)]
-        if others := [name for name in self.columns if name not in {"*", *known, *own}]:
-            hint = did_you_mean(others[0], [*known, *own])
-            raise ConfigError(f"{self.path}: no episode has the column {others[0]!r}{hint}.")
-        held = {*self.columns, *(own if "*" in self.columns else ())}
-        if others := [name for name in order if name not in held]:
+        usual = {"vehicles", "seed", "driver"} if "*" in self.columns else set()
+        if others := [name for name in self.order if name not in {*self.columns, *usual}]:
             raise ConfigError(f"{self.path}: order has {others[0]!r}, which columns lacks: add it.")
-        return order_by(**{column: known[column] for column in order})
+        return order_by(**{column: known[column] for column in self.order})
 
     @property
     def derived(self) -> Mapping[str, Callable[[list[Row]], list[Row]]]:

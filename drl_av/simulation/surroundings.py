@@ -119,8 +119,9 @@ class Surroundings:
 
     @property
     def _way(self) -> Sequence[str]:
-        """The edges of the route from the present one on."""
-        return self.route[max(self._sumo.vehicle.getRouteIndex(self.name), 0) :]
+        """The edges of the route from the present one on, or from the next one in a junction."""
+        has_left = self._sumo.vehicle.getLaneID(self.name)[:1] == ":"
+        return self.route[max(self._sumo.vehicle.getRouteIndex(self.name), 0) + has_left :]
 
     def _read_route(self) -> None:
         self.route = self._sumo.vehicle.getRoute(self.name)
@@ -214,14 +215,16 @@ class Surroundings:
         while left:
             lane, (index, begin_m, _) = left.pop()
             for before in self._before.get(lane, ()):
-                if before[:1] == ":" and before not in self._strips and before not in self._beside:
+                known = self._beside.get(before, [])
+                is_left = all(one.left_m < math.inf for one in known)
+                if before[:1] == ":" and before not in self._strips and is_left:
                     inside = Strip(index, begin_m - self._length_m[before])
-                    self._beside[before] = [inside]
+                    self._beside[before] = [*known, inside]
                     left.append((before, inside))
 
     def _follow_route(self, lanes: Sequence[str]) -> None:
         """Add the strips ahead along the route, as far as the range and its lane changes reach."""
-        ahead = self._way[1:]
+        ahead = self.route[self._sumo.vehicle.getRouteIndex(self.name) + 1 :]
         sight_m = max(self._range_m, LANE_CHANGE_DUE_M * len(lanes))
         last_m = ORIGIN_M + self._length_m[lanes[0]] + sight_m
         here = {lane: self._strips[lane][0] for lane in lanes}

@@ -362,7 +362,7 @@ def test_several_files_and_settings_of_the_command_line_are_laid_over_each_other
     [
         ("traffic.vehicles_mx=3", "has no key 'vehicles_mx' (did you mean 'vehicles_max'?)"),
         ("trafic.vehicles_max=3", "has no section [trafic] (did you mean 'traffic'?)"),
-        ("traffic.vehicles_max=many", "traffic.vehicles_max is 'many', but must be a whole number"),
+        ("traffic.truck_share=many", "traffic.truck_share is 'many', but must be a number from 0"),
         ("safety.check=papr", "safety.check is 'papr' (did you mean 'paper'?)"),
         ("driver.hold_s=-7", "In driver.hold_s=-7: driver.hold_s is -7.0, but must be"),
     ],

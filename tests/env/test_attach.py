@@ -362,6 +362,21 @@ def test_a_vehicle_on_the_way_in_is_seen_though_it_gives_way(tmp_path: Path) -> 
     assert left_m - 5 < attached()[1].affordances.own_front.gap_m < left_m + 20
 
 
+def test_a_vehicle_inside_a_junction_in_which_a_lane_splits_is_in_sight(tmp_path: Path) -> None:
+    net = a_road(tmp_path, [1, 4], [f"e0 0 e1 {lane}" for lane in range(4)])
+    other = car("other", 0, 350, 5, "way").replace("/>", ' arrivalLane="3"/>')
+    begin_on(net, "e0 e1", car("ego", 0, 300, 5, "way") + other)
+    insides = {sumo.lane.getLinks("e0_0")[lane][4]: lane for lane in range(4)}
+    while (lane := sumo.vehicle.getLaneID("other")) not in insides:
+        sumo.vehicle.setSpeed("ego", 0.0)
+        sumo.simulationStep()
+    assert insides[lane] == 3
+    while sumo.vehicle.getLanePosition("other") < 6.0:  # its rear has left the ego's lane
+        sumo.simulationStep()
+    assert sumo.vehicle.getLaneID("other") == lane
+    assert "other" in attached()[1].snapshot.ids
+
+
 def test_the_exit_counts_behind_another_lane_of_its_number_that_ends(tmp_path: Path) -> None:
     """Lane 0 of e1 ends; that of e3, which has its number, leads to the exit."""
     off = '<edge id="out" from="n4" to="y" numLanes="1" speed="30" width="3.5"/>'

@@ -138,10 +138,16 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
         ('"vehicles", "seed", "driver"]', '"sed"]', "order has 'sed', but must be of driver, "),
         ('order = ["t_min_s", ', "order = [", "order does not tell apart: add traffic, variant or"),
         ('columns = ["t_min_s", ', "columns = [", "order has 't_min_s', which columns lacks: add"),
-        ('"mean_speed_m_s", "e', '"mean_sped", "e', "has the column 'mean_sped' .did you mean 'me"),
+        (
+            '"mean_speed_m_s", "e',
+            '"mean_sped", "e',
+            "lacks the column 'mean_sped' .did you m",
+        ),
+        ('columns = { t_min_s = "1.5" }\n', "", "an episode lacks the column 't_min_s'"),
+        ('drivers = ["idm"]\ns', "episodes = 0\ns", "has the seeds from 7 to 6: name one or more"),
         ("vehicles = [1, 3]", "", "mine.toml drives nothing: .rows. needs drivers or trainings"),
         ("meaning", 'metrics = "fast"\nmeaning', "metrics must be one of episode, c"),
-        ("[tables.", '[trainings.a-]\nbase = "large"\n[tables.', "trains by PPO, but a study"),
+        ("[tables.", '[trainings.a-]\nbase = "large"\n[tables.', "trains by PPO, but a study by"),
         (
             *("[tables.", '[trainings.a-]\nbase="paper"\nseeds={count=2}\n[tables.'),
             "a- names several trainings a-: write {seed} or {traffic} into its name",
