@@ -236,9 +236,7 @@ class FileStudy:
         settings: dict[str, Config] = {}
         cells, place = list(self._cells(trained, options, settings)), self._place(trained)
         if not cells:
-            raise ConfigError(
-                f"{self.path} drives nothing: [rows] needs drivers or trainings, and vehicles."
-            )
+            raise ConfigError(f"{self.path} drives nothing: name drivers and vehicles in [rows].")
         _, result = METRICS[self.file.get("metrics", "episode")]
         own = {each.name: each for each in fields(result)}
         for lacks in ({*self.columns, *self.order} - {"*", *own, *c.row("", 0)} for c in cells):

@@ -145,7 +145,7 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
         ),
         ('columns = { t_min_s = "1.5" }\n', "", "an episode lacks the column 't_min_s'"),
         ('drivers = ["idm"]\ns', "episodes = 0\ns", "has the seeds from 7 to 6: name one or more"),
-        ("vehicles = [1, 3]", "", "mine.toml drives nothing: .rows. needs drivers or trainings"),
+        ("vehicles = [1, 3]", "", "mine.toml drives nothing: name drivers and vehicles"),
         ("meaning", 'metrics = "fast"\nmeaning', "metrics must be one of episode, c"),
         ("[tables.", '[trainings.a-]\nbase = "large"\n[tables.', "trains by PPO, but a study by"),
         (
