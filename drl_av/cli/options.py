@@ -188,14 +188,11 @@ def require_one_word(options: argparse.Namespace, settings: Mapping[str, str]) -
 def require_driving_settings(options: argparse.Namespace) -> None:
     """Raise ConfigError if -o names a setting of trainings: a driver drives as it has learned."""
     for word in map(str, options.config):
-        if SETTING.match(word) and word.startswith(("learning.", "ppo.")):
-            raise ConfigError(f"-o {word} is a setting of trainings, which ended: leave it out.")
-        if SETTING.match(word) and word.startswith(
-            ("traffic.vehicles_min", "traffic.vehicles_max")
-        ):
-            raise ConfigError(
-                f"-o {word} is a setting of trainings: give the numbers here with --vehicles."
-            )
+        is_number = word.startswith(("traffic.vehicles_min", "traffic.vehicles_max"))
+        if SETTING.match(word) and (is_number or word.startswith(("learning.", "ppo."))):
+            ended = ", which ended: leave it out"
+            remedy = ": give the numbers here with --vehicles" if is_number else ended
+            raise ConfigError(f"-o {word} is a setting of trainings{remedy}.")
 
 
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:
