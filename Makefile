@@ -16,8 +16,8 @@ setup: .venv/.installed
 
 demo: setup
 	test -d $(DEMO)/driver || \
-	    $(BIN)/drl-av train --preset large --traffic calm -o ppo.decisions=4000000 --out $(DEMO)/driver
-	$(BIN)/drl-av evaluate $(DEMO)/driver planner pretrained gap-mobil idm-mobil \
+	    $(BIN)/drl-av train --preset large --traffic calm -o ppo.decisions=2000000 --out $(DEMO)/driver
+	$(BIN)/drl-av evaluate $(DEMO)/driver pretrained gap-mobil idm-mobil \
 	    --vehicles $(DENSITIES) --episodes 20 --jobs 2 --out $(DEMO)/evaluation.csv
 	$(BIN)/drl-av figures $(DEMO)/evaluation.csv --out $(DEMO)
 	$(BIN)/drl-av replay $(DEMO)/driver --vehicles 15 --seed 10 --decisions 60 --video $(DEMO)/drive.mp4

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from drl_av.config import SETTING, TRAFFIC_PRESETS, Config, with_files
 from drl_av.config.functions import is_factory
-from drl_av.config.presets import PRESETS, keeping_kind, preset
+from drl_av.config.presets import PRESETS, keeping_kind, preset, require_driving_setting
 from drl_av.config.reference import SECTIONS, annotated_toml
 from drl_av.config.simulation import WORLDS
 from drl_av.drivers.agent import UNPICKLED
@@ -188,11 +188,8 @@ def require_one_word(options: argparse.Namespace, settings: Mapping[str, str]) -
 def require_driving_settings(options: argparse.Namespace) -> None:
     """Raise ConfigError if -o names a setting of trainings: a driver drives as it has learned."""
     for word in map(str, options.config):
-        is_number = word.startswith(("traffic.vehicles_min", "traffic.vehicles_max"))
-        if SETTING.match(word) and (is_number or word.startswith(("learning.", "ppo."))):
-            ended = ", which ended: leave it out"
-            remedy = ": give the numbers here with --vehicles" if is_number else ended
-            raise ConfigError(f"-o {word} is a setting of trainings{remedy}.")
+        if found := SETTING.match(word):
+            require_driving_setting("{}.{}".format(*found.groups()), f"-o {word}", "--vehicles")
 
 
 def with_command_line(config: Config, options: argparse.Namespace) -> Config:

@@ -130,6 +130,20 @@ def keeping_kind(named: str | None, base: Config | None, config: Config) -> Conf
     return config
 
 
+def require_driving_setting(name: str, shown: str, numbers: str) -> None:
+    """Raise ConfigError if only trainings use the setting ``name``, ``section.key``.
+
+    ``shown`` is how the user gave it, ``numbers`` where numbers of vehicles are given.
+    """
+    remedy = ""
+    if name in ("traffic.vehicles_min", "traffic.vehicles_max"):
+        remedy = f": give the numbers here with {numbers}"
+    elif name.startswith(("learning.", "ppo.")):
+        remedy = ", which ended: leave it out"
+    if remedy:
+        raise ConfigError(f"{shown} is a setting of trainings{remedy}.")
+
+
 def adaptation(config: Config) -> Config:
     """Return the settings to continue the training of a driver that was trained with ``config``.
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, SupportsIndex, overload
 
 from drl_av.config import Config
-from drl_av.config.presets import PRESETS
+from drl_av.config.presets import PRESETS, require_driving_setting
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.external import require_driver
 from drl_av.drivers.registry import DriverSpec, driver_names, driving_config, find_drivers
@@ -157,6 +157,9 @@ def evaluate(
             f"own is a {type(own).__name__}, but must be a dictionary of drivers by name: write "
             "own={'mine': driver}."
         )
+    for section, keys in config.items() if isinstance(config, Mapping) else ():
+        for key in keys if isinstance(keys, Mapping) else ():
+            require_driving_setting(name := f"{section}.{key}", name, "vehicles=[5, 10]")
     specs = _specs(drivers, own)
     settings = driving_config(specs, config, traffic)
     settings = with_scenario(settings, scenario, traffic)

@@ -118,6 +118,8 @@ def test_a_loaded_driver_drives_the_environment_as_its_evaluation_does() -> None
         ({"traffic": "calmm"}, "did you mean 'calm'"),
         ({"safety_check": "strickt"}, "did you mean 'strict'"),
         ({"config": {"trafic": {}}}, "did you mean 'traffic'"),
+        ({"config": {"ppo": {"discount": 0.9}}}, "ppo.discount is a setting of trainings, which e"),
+        ({"config": {"traffic": {"vehicles_max": 9}}}, r"numbers here with vehicles=\[5, 10\]"),
         ({"scenario": "nowhere"}, "There is no scenario 'nowhere'"),
     ],
 )
