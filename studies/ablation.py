@@ -19,6 +19,7 @@ import pandas as pd
 import safetensors.numpy
 from threadpoolctl import threadpool_limits
 
+from drl_av.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from drl_av.cli.console import exit_status
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.config.presets import PRESETS
@@ -33,8 +34,7 @@ from drl_av.evaluation.engines import end_with
 from drl_av.files.atomic import replacing
 from drl_av.files.table import append_rows, column_types, read_table
 from drl_av.learning.large_scale import learner_of, save_actor
-from drl_av.learning.twin_worlds import Flags, Float32Array, Part, TwinWorlds
-from drl_av.twin.worlds import FloatArray, IntArray
+from drl_av.learning.twin_worlds import Part, TwinWorlds
 from studies.options import RESULTS
 
 DECISIONS = 4_000_000
@@ -79,7 +79,7 @@ class TwoSecondWorlds(TwinWorlds):
 class PaperPart(Part):
     """Pays the paper's reward, eq. 7 to 9."""
 
-    def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
+    def step(self, action: IntArray) -> tuple[Float32Array, BoolArray, BoolArray]:
         """Execute one action in each world; return the rewards, and which egos hit and are late."""
         _, reward, terminated, truncated, _ = self.env.step(action)
         self.collisions += int(terminated.sum())

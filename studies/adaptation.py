@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
 from drl_av.config.presets import adaptation as adapted
 from drl_av.evaluation.figure_style import one_panel
 from drl_av.evaluation.figures import moving_average
 from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.evaluation.table import read_rows
-from drl_av.road.road import FloatArray
 from studies.learning_curves import MIXED, Curve, curve, reporting_plan
 from studies.options import Options, Plan, Program
 from studies.results import markdown_table

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
 from drl_av.config.presets import LITERAL
 from drl_av.evaluation.aggregates import interquartile_mean, probability_of_improvement
@@ -23,7 +24,6 @@ from drl_av.evaluation.provenance import read_provenance
 from drl_av.evaluation.statistics import Mean, grouped, mean_with_interval
 from drl_av.evaluation.table import Inputs, read_rows, report_corrupt_table
 from drl_av.files.table import Row
-from drl_av.road.road import FloatArray
 from studies.options import Options, Plan, Program, Settings, order_by
 from studies.results import markdown_table
 from studies.trainings import TrainingJob, TrainingRows, evaluations_of

@@ -11,7 +11,7 @@ from programs import python
 
 PACKAGE = Path(__file__).parent.parent / "drl_av"
 ROOMS = (
-    *("errors", "compiled", "random_streams", "sumo_programs", "config", "files", "road"),
+    *("errors", "arrays", "compiled", "random_streams", "sumo_programs", "config", "files", "road"),
     *("driving", "safety", "scenarios", "simulation", "drivers", "twin", "drawing", "env"),
     *("learning", "evaluation", "cli", "__main__"),
 )

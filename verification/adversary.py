@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray, IntArray
 from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.driving.actions import ACTIONS, ego_numbers
 from drl_av.driving.affordances import compute_indicators
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.road import ARRIVED_M, FloatArray, Road, road_numbers
+from drl_av.road.road import ARRIVED_M, Road, road_numbers
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.road.sweep import KINDS, swept_collision
 from drl_av.safety.check import SafetyCheck, apply_check
@@ -33,8 +33,6 @@ from verification.ego_in_scenes import judge, leave_road, plan_all
 from verification.euler import Integration
 from verification.separation import barrier_separation, swept_separation
 
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 ROAD = Road(10_000.0, 3.8, (True, True, True))
 LANE_M, LENGTH_M, WIDTH_M = ROAD.lane_width_m, 5.0, 1.8
 NONE = -9

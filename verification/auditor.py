@@ -9,15 +9,14 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray
 from drl_av.config import Config
-from drl_av.road.road import ARRIVED_M, FloatArray, Road
+from drl_av.road.road import ARRIVED_M, Road
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.road.sweep import NO_CONTACT, contact, moved
 from drl_av.safety.reachability import STILL_M_S, cut_in_gap, lanes_under, stopping_distance
 
-BoolArray = npt.NDArray[np.bool_]
 TOLERANCE = 1e-6
 BRAKED = "braked too hard"
 ACCELERATED = "accelerated too hard"

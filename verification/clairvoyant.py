@@ -23,13 +23,13 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.vector import AutoresetMode
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.drivers.registry import driving_config, find_drivers, make_drivers
 from drl_av.driving.actions import BRAKE, KEEP, LEFT, RIGHT
-from drl_av.driving.affordances import LANE, IntArray, has_lane
+from drl_av.driving.affordances import LANE, has_lane
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.rollout import drive
@@ -47,7 +47,7 @@ DRIVERS = ("gap-mobil", "pretrained", "planner")
 SEARCH = "search"
 SEEDS = 920_000
 """Traffic seed of the first episode."""
-Policy = Callable[[TwinVectorEnv], npt.NDArray[np.int64]]
+Policy = Callable[[TwinVectorEnv], IntArray]
 """A function that returns an action for each world, shape (worlds,)."""
 
 
@@ -138,7 +138,7 @@ class Search:
         candidates = [present, *map(self.begun, self._plans)]
         return candidates[int(np.argmax(self.ways_m(deepcopy(candidates))))]
 
-    def ways_m(self, tried: Sequence[Execution]) -> npt.NDArray[np.float64]:
+    def ways_m(self, tried: Sequence[Execution]) -> FloatArray:
         """Try plans; return the distance that the ego drives with each, m; -inf for a collision."""
         copies = self._env.fork(len(tried), include_rng=True)
         ways_m, place_m = np.zeros(len(tried)), copies.episodes.scene[:, 0, 0].copy()
@@ -151,9 +151,7 @@ class Search:
         return ways_m
 
 
-def actions(
-    executions: Sequence[Execution], worlds: TwinVectorEnv, base: Policy
-) -> npt.NDArray[np.int64]:
+def actions(executions: Sequence[Execution], worlds: TwinVectorEnv, base: Policy) -> IntArray:
     """Return the action of each execution in its world."""
     episodes = worlds.episodes
     changing = episodes.lanes[:, 0] != episodes.lanes[:, 1]
@@ -172,7 +170,7 @@ def policy(name: str, config: Config) -> Policy:
         return partial(most_probable_actions, spec.actor[0])
     [driver] = make_drivers([spec], driving_config([spec], config)).values()
 
-    def one_by_one(worlds: TwinVectorEnv) -> npt.NDArray[np.int64]:
+    def one_by_one(worlds: TwinVectorEnv) -> IntArray:
         seen = enumerate(worlds.episodes.observation)
         return np.array([driver.act(worlds.scene(row), each).number for row, each in seen])
 

@@ -17,19 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import BoolArray, IntArray
 from drl_av.config import Config
 from drl_av.driving.actions import ACCELERATE, ACTIONS, HARD_BRAKE, KEEP, SIGNS
-from verification.adversary import (
-    NONE,
-    ROAD,
-    BatchCheck,
-    BatchStrict,
-    BoolArray,
-    IntArray,
-    Mover,
-    Orders,
-    World,
-)
+from verification.adversary import NONE, ROAD, BatchCheck, BatchStrict, Mover, Orders, World
 from verification.falsification import genes, orders, play
 from verification.falsify import share, show
 from verification.families import FAMILIES, PLACED, Family

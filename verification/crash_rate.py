@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drl_av.road.road import FloatArray
+from drl_av.arrays import FloatArray
 from verification.crash_simulation import CHECKS, Outcome, run, settings
 from verification.naturalistic import ADVERSARY, CARELESS_SHARE, PEOPLE
 from verification.program import Program, run_program

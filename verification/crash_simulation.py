@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import MaskedPolicyDriver
@@ -19,8 +20,7 @@ from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.wide_observation import WIDE_SIZE
 from drl_av.errors import ConfigError
 from drl_av.evaluation.engines import workers
-from drl_av.road.road import FloatArray
-from verification.adversary import ROAD, BatchCheck, BatchStrict, IntArray, World
+from verification.adversary import ROAD, BatchCheck, BatchStrict, World
 from verification.ego_in_scenes import look
 from verification.falsify import check_of, safety_check
 from verification.naturalistic import CARELESS_SHARE, Frequencies, Traffic, UnboundedMover, starts

@@ -3,18 +3,16 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from drl_av.compiled import compiled
 from drl_av.config import StrictConfig
 from drl_av.driving.actions import EgoNumbers
-from drl_av.driving.affordances import CODES, VALUES, IntArray, indicators
+from drl_av.driving.affordances import CODES, VALUES, indicators
 from drl_av.driving.maneuver import plan_into
 from drl_av.driving.wide_observation import SLOTS_OF_A_LANE, wide_observation
-from drl_av.road.road import FloatArray, holds
+from drl_av.road.road import holds
 from drl_av.safety.strict import fallback_is_free, strict_verdicts
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 @compiled
@@ -85,7 +83,7 @@ def look(
     world: tuple[Any, ...],
     range_m: float,
     max_speed_m_s: float,
-    observation: npt.NDArray[np.float32],
+    observation: Float32Array,
 ) -> None:
     """Fill ``observation``, shape (scenes, WIDE_SIZE), with the wide observation of each scene.
 

@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-from drl_av.road.road import FloatArray
+from drl_av.arrays import FloatArray
 
 
 class Integration(Enum):

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.errors import needed_by
-from drl_av.road.road import FloatArray
 from drl_av.safety.reachability import STILL_M_S
-from verification.adversary import BatchCheck, IntArray, Mover, Orders, World
+from verification.adversary import BatchCheck, Mover, Orders, World
 from verification.families import PLACED, Family
 
 DECISIONS = 14

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.arrays import BoolArray
 from drl_av.cli.options import int_at_least
 from drl_av.config import Config
 from drl_av.config.functions import is_factory
@@ -30,7 +31,7 @@ from drl_av.errors import ScenarioError
 from drl_av.road.snapshot import Collision
 from drl_av.safety import CHECKS, named_check
 from drl_av.safety.check import SafetyCheck
-from verification.adversary import BatchCheck, BatchStrict, BoolArray, Mover, one_by_one
+from verification.adversary import BatchCheck, BatchStrict, Mover, one_by_one
 from verification.euler import Integration
 from verification.falsification import genes, orders, play, scripted
 from verification.falsification import search as learn

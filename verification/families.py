@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import BoolArray, FloatArray, IntArray
 from drl_av.config import Config
-from drl_av.road.road import FloatArray, Road
+from drl_av.road.road import Road
 from drl_av.safety.reachability import reach, stopping_distance
-from verification.adversary import LENGTH_M, NONE, ROAD, BoolArray, IntArray, World
+from verification.adversary import LENGTH_M, NONE, ROAD, World
 
 PLACED = 6
 """Number of genes that define the start of each other vehicle."""

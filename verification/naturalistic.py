@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import BoolArray, FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.driving.car_following import Idm
-from drl_av.road.road import FloatArray
-from verification.adversary import LENGTH_M, ROAD, BoolArray, IntArray, Mover, Orders, World
+from verification.adversary import LENGTH_M, ROAD, Mover, Orders, World
 from verification.families import needed_gap, placed
 
 HIGHD = Idm(1.17, 3.22, 1.46, 2.40)

@@ -7,8 +7,8 @@ or with the point at which two lanes part, this counts as a hit by the ego.
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
-from drl_av.road.road import FloatArray
 from drl_av.scenarios.highways import ExitDescription, MergeDescription
 from verification.adversary import LENGTH_M, World
 from verification.families import BRAKES, Family, ahead, needed_gap, placed, with_safe_gaps

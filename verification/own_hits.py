@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.road.road import FloatArray
-from verification.adversary import ROAD, BoolArray, World
+from drl_av.arrays import BoolArray, FloatArray
+from verification.adversary import ROAD, World
 from verification.crash_rate import Rate, add_careless, exact_share
 from verification.crash_simulation import CHECKS, SECONDS, Outcome, run, settings
 from verification.naturalistic import (

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drl_av.road.road import Barrier, FloatArray
+from drl_av.arrays import FloatArray
+from drl_av.road.road import Barrier
 
 Places = tuple[FloatArray, FloatArray]
 """The pair (x, y): the centres along and across the road, m. The last axis is the vehicle, the ego

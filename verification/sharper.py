@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.arrays import IntArray
 from drl_av.config import Config
 from drl_av.evaluation.statistics import mean_with_interval
-from verification.adversary import BatchCheck, BatchStrict, IntArray, World
+from verification.adversary import BatchCheck, BatchStrict, World
 from verification.completeness import Refusals, on_road, rows_of, safe
 from verification.crash_simulation import SECONDS, Outcome, drive, drivers, settings
 from verification.falsify import show

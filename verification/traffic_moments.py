@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.rule_based import SumoDriver
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
-from drl_av.road.road import FloatArray, Road
+from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
 from drl_av.config.simulation import WORLDS
 from drl_av.config.traffic import SINGLE_PRESETS
@@ -28,7 +29,6 @@ from drl_av.drivers.registry import find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.evaluation.engines import workers
 from drl_av.evaluation.statistics import mean_with_interval
-from drl_av.road.road import FloatArray
 from verification.program import Program, run_program
 from verification.traffic_moments import lane_changes, snapshots
 

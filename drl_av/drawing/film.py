@@ -11,10 +11,11 @@ from types import ModuleType
 import numpy as np
 from PIL import Image
 
+from drl_av.arrays import FloatArray
 from drl_av.drawing.picture import Picture
 from drl_av.errors import RecordingError, needed_by
 from drl_av.files.atomic import replacing
-from drl_av.road.road import FloatArray, Road
+from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 
 GIF_FPS = 50

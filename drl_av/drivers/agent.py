@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import Float32Array
 from drl_av.config import Config
 from drl_av.drivers.checked import PolicyDriver
 from drl_av.drivers.driver import Driver
@@ -60,7 +60,7 @@ class MaskedAgent(Driver):
     def __init__(self, choose: Callable[..., Any], check: SafetyCheck) -> None:
         self._choose, self._check = choose, check
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the agent's most probable action under the mask of the scene."""
         mask = action_mask(self._check, scene)
         return action_of(self._choose(observation, action_masks=mask))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import Float32Array
 from drl_av.config import Config
 from drl_av.config.functions import require_function
 from drl_av.drivers.driver import Driver, ask
@@ -47,7 +48,7 @@ class SteadyDriver(Driver):
         """Prepare the inner driver for an episode."""
         self.inner.start(seed)
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the inner driver's proposal, without what it could not go on with."""
         proposed = ask(self.inner, scene, observation)
         begins = proposed.lateral is not Lateral.KEEP and scene.lane_change is None
@@ -123,7 +124,7 @@ class PolicyDriver(Driver):
             require_function(observe, "observe", "scene")
         self._policy, self._observe = policy, observe
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Call the function with the observation, and return the action with the returned number.
 
         Raises:

@@ -2,9 +2,7 @@
 
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from drl_av.arrays import Float32Array
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene, unwritable
 from drl_av.errors import ConfigError
@@ -20,7 +18,7 @@ class Driver(Protocol):
         """
         return None
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the action to propose in this scene.
 
         ``observation`` is the environment's observation of this scene. By default it holds the 27
@@ -29,7 +27,7 @@ class Driver(Protocol):
         """
 
 
-def ask(driver: Driver, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+def ask(driver: Driver, scene: Scene, observation: Float32Array) -> Action:
     """Return what a driver, which may be the user's, proposes; ConfigError if it is no action."""
     with unwritable(driver, scene):
         action = driver.act(scene, observation)

@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, Float32Array
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
-from drl_av.drivers.network import Float32Array, Layers, QNetwork, forward
+from drl_av.drivers.network import Layers, QNetwork, forward
 from drl_av.drivers.policy_file import load, load_layers, load_run
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import observed_indicators
@@ -131,21 +131,21 @@ class MaskedPolicyDriver(Driver):
         self.range_m = float(config.observation.range_m)
         self.max_speed_m_s = float(config.ego.max_speed_m_s)
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the permitted action with the largest logit; of all actions if none is permitted.
 
         ``observation`` is not used.
         """
         return ACTIONS[self.logits(scene).argmax()]
 
-    def probabilities(self, scene: Scene) -> npt.NDArray[np.float32]:
+    def probabilities(self, scene: Scene) -> Float32Array:
         """Return the probability of each action in training, shape (12,); 0 if not permitted."""
         logits = self.logits(scene)
-        weights: npt.NDArray[np.float32] = np.exp(logits - logits.max())
+        weights: Float32Array = np.exp(logits - logits.max())
         weights /= weights.sum()
         return weights
 
-    def logits(self, scene: Scene) -> npt.NDArray[np.float32]:
+    def logits(self, scene: Scene) -> Float32Array:
         """Return the logits of the 12 actions, -inf for those that the check does not permit."""
         permitted = action_mask(self._check, scene)
         wide = observe_wide(
@@ -153,9 +153,7 @@ class MaskedPolicyDriver(Driver):
         )
         return self.logits_of(wide, permitted == 1)
 
-    def logits_of(
-        self, wide: npt.NDArray[np.float32], permitted: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.float32]:
+    def logits_of(self, wide: Float32Array, permitted: BoolArray) -> Float32Array:
         """Return ``logits`` of one scene or more, shape (..., 12), by what is seen and permitted.
 
         ``wide`` holds the wide observations, shape (..., WIDE_SIZE).

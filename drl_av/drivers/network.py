@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drl_av.arrays import Float32Array
 from drl_av.compiled import borrowing
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.affordances import INDICATORS
 
-Float32Array = NDArray[np.float32]
 Layers = list[tuple[Float32Array, Float32Array]]
 """One pair (weight, bias) for each layer, of shapes (outputs, inputs) and (outputs,)."""
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import Float32Array
 from drl_av.config import Config, from_toml
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import LEAK, Layers, QNetwork
@@ -290,7 +291,7 @@ class OnnxDriver(Driver):
                 f"actions, (rows,), or {len(ACTIONS)} values, (rows, {len(ACTIONS)})."
             ) from error
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the action that the network chooses by its number or by the greatest value.
 
         Raises:

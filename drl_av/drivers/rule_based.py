@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, MobilConfig, SafetyConfig, SimulationConfig
 from drl_av.drivers.driver import Driver
@@ -24,7 +24,6 @@ from drl_av.driving.affordances import (
     CHANGES,
     NO_VEHICLE,
     WITHIN,
-    IntArray,
     gap_in,
     has_lane,
     slot_of,
@@ -33,7 +32,7 @@ from drl_av.driving.car_following import idm_acceleration, time_gap_acceleration
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
 from drl_av.random_streams import Stream, generator
-from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
+from drl_av.road.road import LANE_CHANGE_DUE_M
 from drl_av.road.snapshot import EGO
 from drl_av.safety.paper import gap_condition, safe_action, time_to_collision
 from drl_av.simulation.vehicle_calls import EgoModel
@@ -45,7 +44,7 @@ class IdmDriver(Driver):
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Keep the lane, with the longitudinal action of the paper's IDM."""
         values, codes, *_ = scene.indicators
         return ACTIONS[idm_number(values, codes, self._config)]
@@ -54,7 +53,7 @@ class IdmDriver(Driver):
 class IdmSumoDriver(IdmDriver):
     """The driver ``idm-sumo``: ``idm``, plus the lane changes that SUMO's SL2015 would make."""
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the IDM's longitudinal action, with the lane change that SUMO's model demands.
 
         A lane change in progress is always completed.
@@ -82,7 +81,7 @@ class RandomDriver:
         """Create the random generator of the episode from ``seed``."""
         self._rng = generator(seed, Stream.RANDOM_DRIVER)
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Draw one of the 12 actions."""
         return ACTIONS[self._rng.integers(len(ACTIONS))]
 
@@ -102,7 +101,7 @@ class MobilDriver(Driver):
         self._headway_s = headway_s
         self._numbers = safety.numbers, ego_numbers(ego, SimulationConfig()), mobil.numbers
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the longitudinal action, with a lane change if MOBIL demands one."""
         values, codes, *_ = scene.indicators
         now = scene.lane_change is not None, float(scene.snapshot.length_m[EGO]), self._headway_s
@@ -125,7 +124,7 @@ class SumoDriver(Driver):
     def __init__(self, model: EgoModel) -> None:
         self.model = model
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Raise ConfigError: SUMO chooses no action."""
         raise ConfigError(
             "SUMO itself drives the ego with this driver, which therefore has no actions: give "

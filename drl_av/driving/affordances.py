@@ -3,15 +3,14 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing, inlined
 from drl_av.config import ObservationConfig
 from drl_av.road.road import (
     LANE_CHANGE_S,
     NO_CHANGE,
     Barrier,
-    FloatArray,
     MandatoryChange,
     Road,
     RoadNumbers,
@@ -28,8 +27,6 @@ from drl_av.road.road import (
     road_numbers,
 )
 from drl_av.road.snapshot import EGO, Snapshot, Vehicles
-
-IntArray = npt.NDArray[np.int64]
 
 SLOTS = ("own_front", "own_rear", "right_front", "right_rear", "left_front", "left_rear")
 INDICATORS: tuple[str, ...] = (

@@ -11,10 +11,11 @@ safety check needs, remain constant accelerations.
 import math
 from typing import Any, NamedTuple, TypeVar
 
+from drl_av.arrays import FloatArray
 from drl_av.compiled import squared
 from drl_av.config import EgoConfig, MobilConfig
 from drl_av.driving.actions import ACCELERATE, BRAKE, acceleration_of
-from drl_av.road.road import FloatArray, allowed_speed_in
+from drl_av.road.road import allowed_speed_in
 
 Number = TypeVar("Number", float, FloatArray)
 

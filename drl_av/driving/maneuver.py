@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing, squared
 from drl_av.config import EgoConfig, SimulationConfig
 from drl_av.driving.actions import SIGNS, Action, EgoNumbers, Lateral, ego_numbers
-from drl_av.driving.affordances import FRONT, LANE, NO_VEHICLE, IntArray
+from drl_av.driving.affordances import FRONT, LANE, NO_VEHICLE
 from drl_av.driving.car_following import keep_limits, set_speeds
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Command
 
 LEAST_LEFT = 0.1

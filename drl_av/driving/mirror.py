@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, IntArray
 from drl_av.driving.actions import ACTIONS, Action, Lateral
 from drl_av.driving.affordances import INDICATORS
 
@@ -15,9 +16,9 @@ class Mirror(NamedTuple):
 
     observation_permutation: npt.NDArray[np.intp]
     """For each indicator, the index of its mirror image; shape (27,) by default."""
-    observation_sign: npt.NDArray[np.float32]
+    observation_sign: Float32Array
     """Of the same shape: -1 for each indicator whose sign changes, 1 for all others."""
-    action_permutation: npt.NDArray[np.int64]
+    action_permutation: IntArray
     """For each action number, the number of the mirrored action; shape (12,)."""
 
 
@@ -51,10 +52,8 @@ def _other_side(name: str) -> str:
 MIRROR = mirror_of(INDICATORS)
 
 
-def mirrored_observations(
-    s: npt.NDArray[np.float32], mirror: Mirror = MIRROR
-) -> npt.NDArray[np.float32]:
+def mirrored_observations(s: Float32Array, mirror: Mirror = MIRROR) -> Float32Array:
     """Return the mirror images of scaled observations of shape (rows, 27) or (27,), as a copy."""
-    reflected: npt.NDArray[np.float32] = s.take(mirror.observation_permutation, axis=-1)
+    reflected: Float32Array = s.take(mirror.observation_permutation, axis=-1)
     reflected *= mirror.observation_sign
     return reflected

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing, inlined
-from drl_av.driving.affordances import NO_VEHICLE, IntArray
-from drl_av.road.road import FloatArray, around, lane_of
+from drl_av.driving.affordances import NO_VEHICLE
+from drl_av.road.road import around, lane_of
 from drl_av.road.snapshot import Vehicles
 
 TOLERANCE_M = 1e-6

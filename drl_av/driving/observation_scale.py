@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, FloatArray
 from drl_av.compiled import borrowing
 from drl_av.config import ObservationConfig
-from drl_av.road.road import FloatArray, Road
+from drl_av.road.road import Road
 
 _MEANINGS = {
     "d_x": "net gap, bumper to bumper, m",
@@ -38,7 +38,7 @@ def indicator_bounds(
     max_speed_m_s: float,
     widest_m: float = math.nan,
     half_road_m: float = math.nan,
-) -> npt.NDArray[np.float32]:
+) -> Float32Array:
     """Return the largest absolute value of each scaled indicator, shape (27,).
 
     ``widest_m`` and ``half_road_m``, the largest lateral distances of others and of the ego, depend
@@ -46,7 +46,7 @@ def indicator_bounds(
     """
     limits = config.range_m, 60.0, widest_m, 4.0
     ends = np.array([*limits * 6, max_speed_m_s / 2, half_road_m, 4.0])
-    bounds: npt.NDArray[np.float32] = (ends / indicator_scales(config, max_speed_m_s)).astype("f4")
+    bounds: Float32Array = (ends / indicator_scales(config, max_speed_m_s)).astype("f4")
     return bounds
 
 
@@ -55,7 +55,7 @@ class ScaleArrays(NamedTuple):
 
     offset: FloatArray
     scale: FloatArray
-    bounds: npt.NDArray[np.float32]
+    bounds: Float32Array
 
 
 class ObservationScale:
@@ -79,18 +79,16 @@ class ObservationScale:
         self.arrays = ScaleArrays(self.offset, self.scale, self.bounds)
         self._least = -self.bounds
 
-    def __call__(self, vector: FloatArray) -> npt.NDArray[np.float32]:
+    def __call__(self, vector: FloatArray) -> Float32Array:
         """Scale indicators in SI units, shape (..., 27); return float32 of the same shape."""
         scaled = ((vector - self.offset) / self.scale).astype(np.float32)
         # np.minimum uses AVX-512, after which SUMO's next step takes 15 % longer
-        clipped: npt.NDArray[np.float32] = scaled.clip(self._least, self.bounds)
+        clipped: Float32Array = scaled.clip(self._least, self.bounds)
         return clipped
 
 
 @borrowing
-def scale_into(
-    values: FloatArray, arrays: ScaleArrays, observation: npt.NDArray[np.float32]
-) -> None:
+def scale_into(values: FloatArray, arrays: ScaleArrays, observation: Float32Array) -> None:
     """Scale the 27 indicators like ``ObservationScale``, into ``observation``, shape (27,)."""
     offset, scale, bounds = arrays
     for row in range(len(observation)):

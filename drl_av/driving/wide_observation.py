@@ -7,12 +7,11 @@ lane which is fastest a minute later also has to see the vehicles beyond those.
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.compiled import borrowing
-from drl_av.driving.affordances import ROUTE_SCALE_M, IntArray
+from drl_av.driving.affordances import ROUTE_SCALE_M
 from drl_av.road.road import (
-    FloatArray,
     Road,
     RoadNumbers,
     ahead_m,
@@ -78,7 +77,7 @@ def wide_observation(
     max_speed_m_s: float,
     origin: int,
     target: int,
-    observation: npt.NDArray[np.float32],
+    observation: Float32Array,
     gaps_m: FloatArray,
     rows: IntArray,
 ) -> None:
@@ -163,7 +162,7 @@ def scratch() -> tuple[FloatArray, IntArray]:
 
 def observe_wide(
     snapshot: Snapshot, road: Road, range_m: float, max_speed_m_s: float, change: tuple[int, int]
-) -> npt.NDArray[np.float32]:
+) -> Float32Array:
     """Return the wide observation of a snapshot, shape (WIDE_SIZE,), float32.
 
     ``change`` holds the lanes of the ego's lane change in progress, equal if there is none.

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.drivers.background.traffic import ORDER
 from drl_av.env.vector import TwinVectorEnv
@@ -26,8 +26,6 @@ from drl_av.twin.worlds import (
     THRESHOLD_LEFT,
     THRESHOLD_RIGHT,
     WISH_M_S2,
-    FloatArray,
-    IntArray,
 )
 
 GUESSES = 128
@@ -177,5 +175,5 @@ class Beliefs:
             near[:, DRIVER_COUNT] = (places < len(ORDER)).sum(axis=1)
             near[:, KEEPS_DISTANCE] |= near[:, DRIVER_COUNT] > 0
 
-    def _is_truck(self, length_m: FloatArray) -> npt.NDArray[np.bool_]:
+    def _is_truck(self, length_m: FloatArray) -> BoolArray:
         return abs(length_m - self._truck_m) < abs(length_m - self._car_m)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import IntArray
 from drl_av.config import Config, SimulationConfig
 from drl_av.config.presets import as_config
 from drl_av.config.section import did_you_mean
@@ -147,7 +148,7 @@ def seeds_of_worlds(seed: Any, worlds: int) -> list[int | None]:
     return [None if one is None else int(one) for one in seeds]
 
 
-def actions_of_worlds(actions: Any, worlds: int) -> npt.NDArray[np.int64]:
+def actions_of_worlds(actions: Any, worlds: int) -> IntArray:
     """Return one action for each world; raise ConfigError unless these are such numbers."""
     given = _as_array(actions)
     right = given.shape == (worlds,) and given.dtype.kind in "iu"

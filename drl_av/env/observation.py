@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.config import ObservationConfig
 from drl_av.config.functions import require_function
 from drl_av.config.section import did_you_mean
@@ -25,13 +25,11 @@ from drl_av.driving.affordances import (
     ROUTE_SCALE_M,
     SLOTS,
     WITHIN,
-    IntArray,
 )
 from drl_av.driving.observation_scale import ObservationScale
 from drl_av.driving.scene import Scene, unwritable
 from drl_av.driving.wide_observation import MOST, WIDE_NAMES, WIDE_SIZE, observe_wide
 from drl_av.errors import ConfigError
-from drl_av.road.road import FloatArray
 
 FURTHER = ("right_lane", "left_lane", "lane_change", *ROUTE_INDICATORS, "allowed_speed")
 """Indicators that the paper does not have. ``right_lane`` and ``left_lane`` are 1 if that lane
@@ -93,7 +91,7 @@ class GroupObservation:
         self.space = gymnasium.spaces.Box(-bounds, bounds, dtype=np.float32)
         """A Box of shape (number of indicators,), float32."""
 
-    def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
+    def __call__(self, scene: Scene) -> Float32Array:
         """Return the scaled indicators of a scene in the order of ``names``."""
         (values, codes, (_, _, barriers), *_), (origin, target) = scene.indicators, scene.lanes
         scaled, side = self._scale(values[:27]), np.array([target - origin])
@@ -102,12 +100,12 @@ class GroupObservation:
 
     def of_worlds(
         self,
-        scaled: npt.NDArray[np.float32],
+        scaled: Float32Array,
         values: FloatArray,
         codes: IntArray,
         lane_changes: IntArray,
         barriers: FloatArray,
-    ) -> npt.NDArray[np.float32]:
+    ) -> Float32Array:
         """Return what the function returns for a scene, for many at once.
 
         Args:
@@ -152,7 +150,7 @@ class WideObservation:
         self._see = scale.road, scale.range_m, scale.max_speed_m_s
         self.space = gymnasium.spaces.Box(-MOST, MOST, (WIDE_SIZE,), np.float32)
 
-    def __call__(self, scene: Scene) -> npt.NDArray[np.float32]:
+    def __call__(self, scene: Scene) -> Float32Array:
         """Return the wide observation of a scene."""
         return observe_wide(scene.snapshot, *self._see, scene.lanes)
 

@@ -9,9 +9,9 @@ parameters and their random lane changes are drawn.
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from threadpoolctl import ThreadpoolController
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.config.learning import SPAN_M_S
 from drl_av.drivers.driver import Driver
@@ -32,7 +32,6 @@ from drl_av.road.sweep import NO_CONTACT
 from drl_av.safety import named_check
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.twin.copying import copy_scene
-from drl_av.twin.worlds import FloatArray, IntArray
 
 TRIED, HELD = 6, (1, 3)
 """Most actions that are tried at a decision, the likeliest of the base policy; and the numbers of
@@ -95,7 +94,7 @@ class PlannerDriver(Driver):
         self._speeds: dict[str, float] = {}
         self._predicted: dict[str, FloatArray] = {}
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the best of the likeliest permitted actions; ``observation`` is not used.
 
         Raises:

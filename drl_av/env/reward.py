@@ -5,19 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing, squared
 from drl_av.config import RewardConfig, SafetyConfig
-from drl_av.driving.affordances import (
-    ALLOWED,
-    CHANGES,
-    LANE,
-    NO_VEHICLE,
-    WITHIN,
-    IntArray,
-    has_lane,
-    slot_of,
-)
-from drl_av.road.road import LANE_CHANGE_DUE_M, FloatArray
+from drl_av.driving.affordances import ALLOWED, CHANGES, LANE, NO_VEHICLE, WITHIN, has_lane, slot_of
+from drl_av.road.road import LANE_CHANGE_DUE_M
 from drl_av.safety.paper import is_clear
 
 

@@ -1,18 +1,18 @@
 """Computes the indicators, the observation and the reward of a scene in one compiled call."""
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.compiled import borrowing
 from drl_av.config import Config, RewardConfig, SafetyConfig
-from drl_av.driving.affordances import CODES, VALUES, Indicators, IntArray, ground_of, indicators
+from drl_av.driving.affordances import CODES, VALUES, Indicators, ground_of, indicators
 from drl_av.driving.observation_scale import ObservationScale, ScaleArrays, scale_into
 from drl_av.driving.scene import LaneChange, Scene
 from drl_av.env.reward import Rewards, reward_terms
-from drl_av.road.road import FloatArray, Road, RoadNumbers, road_numbers
+from drl_av.road.road import Road, RoadNumbers, road_numbers
 from drl_av.road.snapshot import Snapshot, Vehicles
 
-Observation = npt.NDArray[np.float32]
+Observation = Float32Array
 
 
 class SceneValues:

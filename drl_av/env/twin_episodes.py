@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.compiled import borrowing, compiled, inlined
 from drl_av.config import Config, RewardConfig, SafetyConfig, StrictConfig
 from drl_av.drivers.background.traffic import Scratch, TrafficNumbers, scratch_of, traffic_numbers
@@ -35,8 +35,6 @@ from drl_av.twin.worlds import (
     PRESENT,
     SPEED_M_S,
     WIDTH_M,
-    FloatArray,
-    IntArray,
     Net,
     World,
     Worlds,
@@ -60,7 +58,7 @@ class Episodes(NamedTuple):
     """Shape (worlds, 30), as ``indicators`` fills it; the first 27 are the indicators."""
     codes: IntArray
     """Shape (worlds, 10), likewise."""
-    observation: npt.NDArray[np.float32]
+    observation: Float32Array
     """Shape (worlds, 27)."""
     executed: IntArray
     """Shape (worlds, 12): the action that the check executes for each proposed one."""

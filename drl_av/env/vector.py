@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 
+from drl_av.arrays import BoolArray, FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.config.section import not_one_of
 from drl_av.driving.actions import ACTIONS
@@ -58,7 +59,7 @@ Observations = Any
 """By default float32 of shape (worlds, 27), otherwise what gymnasium batches of the space."""
 
 
-class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], npt.NDArray[Any]]):
+class TwinVectorEnv(WorldArrays, VectorEnv[Observations, IntArray, npt.NDArray[Any]]):
     """Many highways at once, in the compiled twin of SUMO's traffic (``drl_av.twin``).
 
     It has the observation, the actions, the reward, the safety checks and the ``info`` of
@@ -179,12 +180,12 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, npt.NDArray[np.int64], 
         return self._observations(), self._info() | self._start_info(rows)
 
     def step(
-        self, actions: npt.NDArray[np.int64]
+        self, actions: IntArray
     ) -> tuple[
         Observations,
-        npt.NDArray[np.float64],
-        npt.NDArray[np.bool_],
-        npt.NDArray[np.bool_],
+        FloatArray,
+        BoolArray,
+        BoolArray,
         dict[str, Any],
     ]:
         """Execute one decision in each world, shape (num_envs,); see ``autoreset_mode``.

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, IntArray
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.scene import Scene
 from drl_av.env.reward import Rewards
@@ -15,9 +16,7 @@ from drl_av.road.snapshot import Collision
 from drl_av.road.sweep import KINDS, NO_CONTACT
 from drl_av.safety.check import RULES
 
-Flags = npt.NDArray[np.bool_]
-Numbers = npt.NDArray[np.int64]
-Decided = tuple[Numbers, Numbers, Numbers]
+Decided = tuple[IntArray, IntArray, IntArray]
 """The numbers of the proposed and of the executed actions, and the rules, shape (worlds,) each."""
 RULE_WORDS = np.array([str(rule) for rule in RULES], dtype=object)
 COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
@@ -25,12 +24,12 @@ COLLISION_WORDS = np.array([*(kind.value for kind in KINDS), ""], dtype=object)
 EGO_HITS = np.array([*(kind.ego_hit for kind in KINDS), False])
 
 
-def marked(info: dict[str, Any], present: Flags) -> dict[str, Any]:
+def marked(info: dict[str, Any], present: BoolArray) -> dict[str, Any]:
     """Return ``info`` and, as gymnasium's vector environments do, which worlds have each entry."""
     return info | {f"_{name}": present for name in info}
 
 
-def with_final(info: dict[str, Any], last: Iterable[Any], over: Flags) -> dict[str, Any]:
+def with_final(info: dict[str, Any], last: Iterable[Any], over: BoolArray) -> dict[str, Any]:
     """Return ``info`` and what gymnasium keeps of the episodes that are over and begin again.
 
     ``last`` has each world's observation.
@@ -42,7 +41,7 @@ def with_final(info: dict[str, Any], last: Iterable[Any], over: Flags) -> dict[s
     return present_in(info, ~over) | marked(ends, over)
 
 
-def present_in(info: dict[str, Any], worlds: Flags) -> dict[str, Any]:
+def present_in(info: dict[str, Any], worlds: BoolArray) -> dict[str, Any]:
     """Return a copy of ``info`` that only some of its worlds have, bool of shape (worlds,)."""
     return {
         name: present_in(value, worlds)
@@ -69,7 +68,9 @@ def common_info(worlds: WorldArrays, action_mask: npt.NDArray[np.int8] | None) -
     return marked(info, np.ones(worlds.num_envs, np.bool_))
 
 
-def step_info(worlds: WorldArrays, over: Flags, decided: Decided, present: Flags) -> dict[str, Any]:
+def step_info(
+    worlds: WorldArrays, over: BoolArray, decided: Decided, present: BoolArray
+) -> dict[str, Any]:
     """Return what only a step has in ``info``.
 
     Args:

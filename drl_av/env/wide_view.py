@@ -1,18 +1,14 @@
 """The wide observation of many worlds of the twin at once (ours)."""
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from drl_av.compiled import borrowing
 from drl_av.drivers.network import Layers, forward
 from drl_av.driving.actions import ACTIONS
 from drl_av.driving.wide_observation import WIDE_SIZE, scratch, wide_observation
 from drl_av.env.twin_episodes import Episodes, Task
 from drl_av.env.world_arrays import WorldArrays
-from drl_av.twin.worlds import FloatArray, IntArray
-
-Float32Array = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 
 
 @borrowing
@@ -22,7 +18,7 @@ def look_wide(
     rows: IntArray,
     count: IntArray,
     observation: Float32Array,
-    permitted: Flags,
+    permitted: BoolArray,
     gaps_m: FloatArray,
     found: IntArray,
 ) -> None:
@@ -49,7 +45,7 @@ def look_wide(
             permitted[w, :] = True
 
 
-def wide_view(worlds: WorldArrays) -> tuple[Float32Array, Flags]:
+def wide_view(worlds: WorldArrays) -> tuple[Float32Array, BoolArray]:
     """Return what ``look_wide`` fills for all worlds: the observation, and what is permitted."""
     n = worlds.num_envs
     observed = np.zeros((n, WIDE_SIZE + len(ACTIONS)), np.float32)

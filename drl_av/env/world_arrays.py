@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.driving.affordances import Indicators, ground_of
 from drl_av.driving.scene import LaneChange, Scene
@@ -22,7 +23,7 @@ from drl_av.simulation.population import ARRAYS, Population
 from drl_av.twin.commands import REQUEST_STEPS, request_change
 from drl_av.twin.following import STEP_S
 from drl_av.twin.traffic import draw_events, exchange, place_vehicles, sizes_of
-from drl_av.twin.worlds import COUNT, STEP, FloatArray, IntArray, Net, World, empty_worlds
+from drl_av.twin.worlds import COUNT, STEP, Net, World, empty_worlds
 
 NO_EVENTS = np.empty((0, 3), np.int64)
 
@@ -125,7 +126,7 @@ class WorldArrays:
         place_vehicles(self.world(row), self.task.net, *of_it)
         self._set_events(row, begun.events)
 
-    def _set_events(self, row: int, events: npt.NDArray[np.int64]) -> None:
+    def _set_events(self, row: int, events: IntArray) -> None:
         """Set the random events of a world that are to come."""
         self.make_room(0, len(events))
         self.episodes.events[row, : len(events)] = events
@@ -148,7 +149,7 @@ class WorldArrays:
         x, z, notes, near = self.worlds
         return World(x[row], z[row], notes[row], near[row])
 
-    def _decide(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
+    def _decide(self, rows: npt.NDArray[np.intp], proposed: IntArray) -> None:
         """Execute the decisions of the worlds ``rows``, on an open road with its inflow."""
         net, fleets, on_open_road = self.task.net, self.fleets, not self.road.is_loop
         for row in rows.tolist() if on_open_road else ():
@@ -205,7 +206,7 @@ class WorldArrays:
         self._chunks = threads
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
-    def _decide_all(self, rows: npt.NDArray[np.intp], proposed: npt.NDArray[np.int64]) -> None:
+    def _decide_all(self, rows: npt.NDArray[np.intp], proposed: IntArray) -> None:
         """Execute the decisions of the worlds ``rows``, divided over the threads."""
         given = self.worlds, self.episodes, self.task
         if self._pool is None or len(rows) < 2 * self._chunks:

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.errors import DrlAvError
-from drl_av.road.road import FloatArray
 
 Strata = Sequence[FloatArray] | FloatArray
 RESAMPLES = 2000

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.env.metrics import (
     CHANGE_M_S,
     CRAWLING_M_S,
@@ -23,7 +24,6 @@ from drl_av.env.metrics import (
 from drl_av.env.transition import Transition
 from drl_av.evaluation.statistics import grouped
 from drl_av.files.table import PossiblyInfinite
-from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import EGO, Snapshot
 from drl_av.safety.paper import closing_speed, time_to_collision
 

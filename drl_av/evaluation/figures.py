@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.reward import gap_reward, lateral_reward, speed_reward
@@ -19,7 +20,6 @@ from drl_av.evaluation.aggregates import performance_profile
 from drl_av.evaluation.figure_style import legend_of_names, one_panel, panels
 from drl_av.evaluation.statistics import Mean, PairedGain, grouped, mean_with_interval, scores
 from drl_av.files.table import PlainNumber, read_table
-from drl_av.road.road import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

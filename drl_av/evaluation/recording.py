@@ -12,6 +12,7 @@ from zipfile import is_zipfile
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.config import Config, from_toml
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene
@@ -21,7 +22,7 @@ from drl_av.env.transition import Transition
 from drl_av.errors import RecordingError, printable
 from drl_av.evaluation import NEAR_MISS_DRAC_M_S2, NEAR_MISS_TTC_S
 from drl_av.files.atomic import write_atomic
-from drl_av.road.road import FloatArray, Road
+from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import find_scenario, load_scenario
 from drl_av.simulation.vehicle_calls import EgoModel
@@ -44,9 +45,9 @@ class Recording:
     driver: str
     seed: int
     vehicles: int
-    proposed: npt.NDArray[np.int64]
+    proposed: IntArray
     """Number of the proposed action of each decision, shape (T,)."""
-    executed: npt.NDArray[np.int64]
+    executed: IntArray
     """Number of the action after the safety check, shape (T,)."""
     rules: npt.NDArray[np.str_]
     """The rule by which the check changed the action, or ``none``, shape (T,)."""
@@ -183,7 +184,7 @@ class RecordedDriver:
         """Start again with the first recorded action; ``seed`` is not used."""
         self._next: Iterator[int] = iter(self._recording.proposed.tolist())
 
-    def act(self, scene: Scene, observation: npt.NDArray[np.float32]) -> Action:
+    def act(self, scene: Scene, observation: Float32Array) -> Action:
         """Return the next recorded proposal; raises RecordingError after the last one."""
         try:
             return ACTIONS[next(self._next)]

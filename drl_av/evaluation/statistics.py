@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.env.metrics import EpisodeResult
 from drl_av.env.transition import EXIT_MISSED, EXIT_TAKEN, MERGED, NOT_MERGED
 from drl_av.errors import DrlAvError, pluralize
@@ -19,7 +20,6 @@ from drl_av.evaluation.aggregates import (
     probability_of_improvement,
 )
 from drl_av.files.atomic import write_atomic
-from drl_av.road.road import FloatArray
 
 OPTIONAL = ("exits_taken", "merged", "trainings")
 """Fields that are None where the ego has no way to take, or the driver is no group."""

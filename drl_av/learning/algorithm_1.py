@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.arrays import Float32Array
 from drl_av.config import Config, LearningConfig
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import learned_driver
-from drl_av.drivers.network import Float32Array, QNetwork
+from drl_av.drivers.network import QNetwork
 from drl_av.drivers.policy_file import State
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import observed_indicators

@@ -9,11 +9,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from drl_av.arrays import Float32Array, IntArray
 from drl_av.compiled import compiled
-from drl_av.drivers.network import Float32Array, Layers, QNetwork, activate_backward, forward
+from drl_av.drivers.network import Layers, QNetwork, activate_backward, forward
 from drl_av.drivers.policy_file import State
 from drl_av.errors import needed_by
 from drl_av.learning.replay import Batch
@@ -56,7 +56,7 @@ def double_q_target(
 
 
 @compiled
-def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) -> Float32Array:
+def td_error(target: Float32Array, q_t: Float32Array, a_t: IntArray) -> Float32Array:
     """Return the TD error y - Q(s, a) of each transition, shape (rows,).
 
     The target y has shape (rows,), ``q_t`` (rows, actions), ``a_t`` (rows,). Algorithm 1 of the
@@ -69,7 +69,7 @@ def td_error(target: Float32Array, q_t: Float32Array, a_t: NDArray[np.int64]) ->
 
 
 @compiled
-def q_gradient(weighted_td: Float32Array, a_t: NDArray[np.int64], action_size: int) -> Float32Array:
+def q_gradient(weighted_td: Float32Array, a_t: IntArray, action_size: int) -> Float32Array:
     """Return the gradient of the loss with respect to Q(s, .), shape (rows, action_size).
 
     The loss is the mean of w (y - Q(s, a))^2. The gradient is zero except for the action a.

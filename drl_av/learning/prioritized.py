@@ -4,21 +4,17 @@ Rows with a large TD error are drawn more often, and importance weights correct 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.config import LearningConfig
-from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
 from drl_av.learning.replay import Batch, UniformBuffer, batch_of
-
-Numbers = NDArray[np.float64]
-Slots = NDArray[np.int64]
 
 BLOCK = 64
 """Number of weights under one node of the sum tree."""
 
 
-def importance_weights(probability: Numbers, count: int, exponent: float) -> Float32Array:
+def importance_weights(probability: FloatArray, count: int, exponent: float) -> Float32Array:
     """Return the importance weights (N P(i))^-beta, divided by the largest of them, shape (rows,).
 
     ``probability`` is P, shape (rows,), ``count`` is N, ``exponent`` is beta (Schaul et al. 2015,
@@ -40,21 +36,21 @@ class SumTree:
         blocks = -(-capacity // BLOCK)
         self._leaves = np.zeros((blocks, BLOCK))
         self._sums = np.zeros(blocks)
-        self.weights: Numbers = self._leaves.reshape(-1)[:capacity]
+        self.weights: FloatArray = self._leaves.reshape(-1)[:capacity]
         """The weight of each slot, shape (capacity,), 0 if not set. Read only: use ``set``."""
 
-    def set(self, slots: Slots, weights: Numbers | float) -> None:
+    def set(self, slots: IntArray, weights: FloatArray | float) -> None:
         """Set the weights of some slots; if a slot occurs twice, its last weight counts."""
         self.weights[slots] = weights
         blocks = slots // BLOCK
         self._sums[blocks] = self._leaves.take(blocks, axis=0).cumsum(axis=1)[:, -1]
 
-    def fill(self, weights: Numbers) -> None:
+    def fill(self, weights: FloatArray) -> None:
         """Set the weights of the first ``len(weights)`` slots of an empty tree."""
         self.weights[: len(weights)] = weights
         self._sums[:] = self._leaves.cumsum(axis=1)[:, -1]
 
-    def find(self, fractions: Numbers) -> tuple[Slots, Numbers]:
+    def find(self, fractions: FloatArray) -> tuple[IntArray, FloatArray]:
         """Find the slot at which the cumulative weight exceeds each fraction of the total weight.
 
         ``fractions`` has shape (rows,) and values in [0, 1). Returns the slots and their
@@ -70,7 +66,7 @@ class SumTree:
         return slots, self.weights[slots] / edges[-1]
 
 
-def _below(values: Numbers, end: Numbers) -> Numbers:
+def _below(values: FloatArray, end: FloatArray) -> FloatArray:
     """Limit values to the largest float below ``end``, which they may have reached by rounding."""
     return np.minimum(values, np.nextafter(end, 0.0))
 

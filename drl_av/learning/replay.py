@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drl_av.arrays import Float32Array, IntArray
 from drl_av.config import LearningConfig
-from drl_av.drivers.network import Float32Array
 from drl_av.drivers.policy_file import State
 from drl_av.errors import ConfigError
 
@@ -44,12 +44,12 @@ class Batch(NamedTuple):
     """
 
     s_t: Float32Array
-    a_t: NDArray[np.int64]
+    a_t: IntArray
     r_tp1: Float32Array
     discount: Float32Array
     s_tp1: Float32Array
     weights: Float32Array | None = None
-    slots: NDArray[np.int64] | None = None
+    slots: IntArray | None = None
 
 
 def batch_of(numbers: Float32Array, observation_size: int) -> Batch:

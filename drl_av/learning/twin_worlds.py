@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from drl_av.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from drl_av.compiled import compiled
 from drl_av.config import Config
 from drl_av.config.learning import SPAN_M_S
@@ -24,10 +24,8 @@ from drl_av.env.transition import EXIT_MISSED
 from drl_av.env.vector import TwinVectorEnv
 from drl_av.env.wide_view import look_wide
 from drl_av.road.road import RoadNumbers, ahead_m, lane_of
-from drl_av.twin.worlds import DESIRED_M_S, FloatArray, IntArray
+from drl_av.twin.worlds import DESIRED_M_S
 
-Float32Array = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 SIDES = np.array(SIGNS)
 MIDDLE_M_S = 20.0
 """The speed that earns nothing."""
@@ -62,7 +60,7 @@ class Part:
         """Episodes so far that ended with a collision."""
         self._rng = np.random.default_rng(drawn.spawn(1)[0])
 
-    def step(self, action: IntArray) -> tuple[Float32Array, Flags, Flags]:
+    def step(self, action: IntArray) -> tuple[Float32Array, BoolArray, BoolArray]:
         """Execute one action in each world.
 
         Returns:
@@ -92,7 +90,7 @@ class Part:
 
     def _forced(
         self, lanes: tuple[IntArray, IntArray], codes: IntArray, was_m_s: FloatArray
-    ) -> Flags:
+    ) -> BoolArray:
         """Return in which worlds a lane change made a vehicle behind the ego brake.
 
         On a loop it is the vehicle behind the ego after a decision of the lane change. On an open
@@ -120,10 +118,10 @@ class Part:
                 now_m_s[row] = was_m_s[row]  # those that have left have not braked
                 now_m_s[row, kept] = episodes.scene[row, 2, : len(kept)]
         braking = np.take_along_axis(was_m_s - now_m_s, np.maximum(rears, 0), axis=1)
-        forced: Flags = counts & ((rears > 0) & (braking > FORCED_M_S2)).any(axis=1)
+        forced: BoolArray = counts & ((rears > 0) & (braking > FORCED_M_S2)).any(axis=1)
         return forced
 
-    def begin_anew(self, worlds: Flags) -> None:
+    def begin_anew(self, worlds: BoolArray) -> None:
         """Begin a new episode in some worlds, bool of shape (worlds,)."""
         if not worlds.any():
             return
@@ -224,7 +222,7 @@ class TwinWorlds(VecEnv):
         """Remember one action for each world, shape (W,)."""
         self._action = actions
 
-    def step_wait(self) -> tuple[Float32Array, Float32Array, Flags, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Float32Array, Float32Array, BoolArray, list[dict[str, Any]]]:
         """Execute the actions; an episode that ends is followed by a new one."""
         rewards, dones = np.zeros(self.num_envs, np.float32), np.zeros(self.num_envs, np.bool_)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -282,7 +280,7 @@ def look_at_whole_road(
     road: RoadNumbers,
     places_m: FloatArray,
     rows: IntArray,
-    seen: npt.NDArray[np.float32],
+    seen: Float32Array,
 ) -> None:
     """Fill ``seen[rows]``, shape (worlds, whole_road_size), with all vehicles but the ego.
 

@@ -11,11 +11,10 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray
 from drl_av.compiled import borrowing, inlined, squared
 
-FloatArray = npt.NDArray[np.float64]
 ROUNDING = 1e-9
 """Share of a lane width by which a body may lie over a lane marking, to allow for rounding."""
 CENTERED_M = 0.1
@@ -188,7 +187,7 @@ class RoadNumbers(NamedTuple):
 
     lap_m: float
     lane_width_m: float
-    open_lanes: npt.NDArray[np.bool_]
+    open_lanes: BoolArray
     """Shape (lanes,), rightmost lane first."""
     end_m: float
     exit_m: float

@@ -6,9 +6,8 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from drl_av.road.road import FloatArray
+from drl_av.arrays import FloatArray, IntArray
 
 FLOAT64, STRIDES = np.dtype(np.float64), (8,)
 """The type and the strides of the arrays that compiled functions take."""
@@ -84,10 +83,10 @@ class Snapshot(NamedTuple):
 class TrafficCommands(NamedTuple):
     """The decisions of our background drivers, one a vehicle, valid until the next decision."""
 
-    rows: npt.NDArray[np.int64]
+    rows: IntArray
     """Index of each vehicle in the snapshot, shape (R,)."""
     acceleration_m_s2: FloatArray
-    side: npt.NDArray[np.int64]
+    side: IntArray
     """A lane change to the left (+1) or right (-1), or none (0)."""
 
     def lane_changes(self) -> list[tuple[int, int]]:

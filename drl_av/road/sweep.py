@@ -10,13 +10,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing, compiled
-from drl_av.road.road import FloatArray, around
+from drl_av.road.road import around
 from drl_av.road.snapshot import EGO, CollisionKind, Command
 
-IntArray = npt.NDArray[np.int64]
 BACKWARD_M = 1.0
 """Largest backward movement that counts as the rounding error of a standing vehicle, metres."""
 ACCELERATION_M_S2, LATERAL_SPEED_M_S = 10.0, 1.5

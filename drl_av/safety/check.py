@@ -7,8 +7,8 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import IntArray
 from drl_av.config.functions import is_users
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.scene import Scene, unwritable
@@ -52,9 +52,9 @@ IN_LANE, OFF_ROAD, LANE_CHANGE = (rule.value for rule in Rule)
 class Verdicts(NamedTuple):
     """The verdicts on all 12 actions in a scene, by the number of the proposed action."""
 
-    executed: npt.NDArray[np.int64]
+    executed: IntArray
     """Shape (12,): the number of the action that the ego executes."""
-    rules: npt.NDArray[np.int64]
+    rules: IntArray
     """Shape (12,): the rules that replaced the proposed action, an index of ``RULES``."""
 
     def of(self, proposed: Action) -> Verdict:

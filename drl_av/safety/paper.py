@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing, compiled
 from drl_av.config import Config, SafetyConfig, StrictConfig
 from drl_av.driving.actions import (
@@ -20,18 +21,9 @@ from drl_av.driving.actions import (
     EgoNumbers,
     ego_numbers,
 )
-from drl_av.driving.affordances import (
-    FRONT,
-    LANE,
-    NO_VEHICLE,
-    IntArray,
-    Neighbor,
-    has_lane,
-    slot_of,
-)
+from drl_av.driving.affordances import FRONT, LANE, NO_VEHICLE, Neighbor, has_lane, slot_of
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
-from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Vehicles
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdict, Verdicts, WholeCheck
 from drl_av.safety.reachability import Ground

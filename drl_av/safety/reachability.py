@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import EgoNumbers, acceleration_of
-from drl_av.road.road import ARRIVED_M, FloatArray
+from drl_av.road.road import ARRIVED_M
 from drl_av.road.snapshot import EGO
 
 LINE_M = 0.01

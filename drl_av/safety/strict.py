@@ -93,6 +93,7 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import (
@@ -108,11 +109,11 @@ from drl_av.driving.actions import (
     acceleration_of,
     ego_numbers,
 )
-from drl_av.driving.affordances import FRONT, LANE, IntArray, has_lane
+from drl_av.driving.affordances import FRONT, LANE, has_lane
 from drl_av.driving.maneuver import next_change
 from drl_av.driving.scene import Scene
 from drl_av.errors import ConfigError
-from drl_av.road.road import FloatArray, allowed_speed_in
+from drl_av.road.road import allowed_speed_in
 from drl_av.road.snapshot import EGO, Vehicles
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import IN_LANE, LANE_CHANGE, OFF_ROAD, Verdicts, WholeCheck

@@ -9,10 +9,11 @@ from itertools import chain, islice, repeat
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.config.traffic import SUMO_ALONE
 from drl_av.errors import ConfigError, ScenarioError
-from drl_av.road.road import CENTERED_M, LANE_CHANGE_S, FloatArray
+from drl_av.road.road import CENTERED_M, LANE_CHANGE_S
 from drl_av.road.snapshot import EGO, EGO_ID
 from drl_av.scenarios.custom_vehicle_types import draw_types
 from drl_av.scenarios.folder import Scenario
@@ -233,7 +234,7 @@ class Fleet:
 
     def update_open_road(
         self, time_s: float, s_m: FloatArray, y_m: FloatArray, speed_m_s: FloatArray
-    ) -> tuple[npt.NDArray[np.int64], Population | None] | None:
+    ) -> tuple[IntArray, Population | None] | None:
         """Remove the vehicles that have left an open road, and add those that enter it now.
 
         ``time_s`` is the time since the reset; the arrays, shape (1 + N,), hold the state of each
@@ -336,7 +337,7 @@ class Fleet:
         )
 
     def _sizes_m(
-        self, type_ids: Sequence[str], is_truck: npt.NDArray[np.bool_]
+        self, type_ids: Sequence[str], is_truck: BoolArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the lengths and the widths of vehicles, metres, each of shape (n,)."""
         types, traffic = [self._size_of[name] for name in type_ids], self.config.traffic

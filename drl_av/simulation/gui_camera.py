@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from drl_av.road.road import FloatArray, is_partial
+from drl_av.arrays import FloatArray
+from drl_av.road.road import is_partial
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.layout import Layout
 

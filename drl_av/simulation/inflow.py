@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing
 from drl_av.config import Config, TrafficConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
-from drl_av.driving.affordances import IntArray
 from drl_av.errors import ScenarioError, pluralize
-from drl_av.road.road import FloatArray, allowed_speed, lane_of
+from drl_av.road.road import allowed_speed, lane_of
 from drl_av.scenarios.layout import OpenStart
 from drl_av.scenarios.road_description import MOST_VEHICLES
 from drl_av.simulation.population import (

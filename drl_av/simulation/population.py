@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray
 from drl_av.config import Config, TrafficConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
 from drl_av.errors import ConfigError, ScenarioError, pluralize
 from drl_av.random_streams import Stream, generator
-from drl_av.road.road import FloatArray, Road
+from drl_av.road.road import Road
 from drl_av.road.snapshot import EGO_ID
 from drl_av.scenarios.road_description import PlacedVehicle, RoadDescription, require_ego
 
@@ -141,7 +142,7 @@ class Population:
     acceleration_m_s2: FloatArray
     speed_gain: FloatArray
     """SUMO's lcSpeedGain, the eagerness to change lanes for speed."""
-    is_truck: npt.NDArray[np.bool_]
+    is_truck: BoolArray
 
     def rows(self, wanted: Sequence[int]) -> "Population":
         """Return the population of the wanted rows, in their order."""
@@ -243,7 +244,7 @@ def draw_population(
     return with_drivers(rng, streams, places, is_truck, config)
 
 
-def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> npt.NDArray[np.bool_]:
+def draw_trucks(rng: np.random.Generator, n: int, traffic: TrafficConfig) -> BoolArray:
     """Draw which of ``n`` vehicles are trucks, shape (n,); row 0, the ego, is always False."""
     if not traffic.truck_share:
         return np.zeros(n, dtype=np.bool_)
@@ -256,7 +257,7 @@ def with_drivers(
     rng: np.random.Generator,
     streams: Sequence[np.random.Generator],
     places: StartPositions,
-    is_truck: npt.NDArray[np.bool_],
+    is_truck: BoolArray,
     config: Config,
 ) -> Population:
     """Return the population at these positions, with random parameters of each driver.

@@ -8,9 +8,10 @@ from types import ModuleType
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
 from drl_av.errors import SimulationError
-from drl_av.road.road import FloatArray, holds
+from drl_av.road.road import holds
 from drl_av.road.snapshot import (
     EGO,
     EGO_ID,

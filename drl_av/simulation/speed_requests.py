@@ -7,9 +7,9 @@ from types import ModuleType
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import compiled, squared
-from drl_av.driving.affordances import IntArray
-from drl_av.road.road import FloatArray, Road, lane_of
+from drl_av.road.road import Road, lane_of
 from drl_av.road.snapshot import EGO, TrafficCommands
 from drl_av.road.vehicle_types import LENGTHS_M
 from drl_av.simulation.vehicle_calls import getters, packed

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.compiled import compiled
 from drl_av.config import EgoConfig, TrafficConfig
-from drl_av.road.road import CENTERED_M, FloatArray, is_partial
+from drl_av.road.road import CENTERED_M, is_partial
 from drl_av.road.snapshot import EGO_ID
 from drl_av.road.vehicle_types import AS_WRITTEN, VehicleType, VehicleTypes
 from drl_av.scenarios.folder import Scenario

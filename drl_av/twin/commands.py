@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.compiled import borrowing
 from drl_av.drivers.background.traffic import Scratch, TrafficNumbers, decide
 from drl_av.road.road import CENTERED_M
@@ -22,7 +23,6 @@ from drl_av.twin.worlds import (
     SIDE,
     STEP,
     WISH_M_S2,
-    FloatArray,
     Net,
     World,
 )

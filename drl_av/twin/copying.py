@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.config import Config
 from drl_av.road.snapshot import Snapshot
 from drl_av.scenarios.folder import Scenario
@@ -39,8 +40,6 @@ from drl_av.twin.worlds import (
     SPEED_M_S,
     STEP,
     WIDTH_M,
-    FloatArray,
-    IntArray,
     Net,
     World,
 )

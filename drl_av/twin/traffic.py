@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import borrowing, compiled
 from drl_av.config import Config
 from drl_av.drivers.background.finite_state import HardBraking
@@ -58,8 +59,6 @@ from drl_av.twin.worlds import (
     THRESHOLD_RIGHT,
     WIDTH_M,
     WISH_M_S2,
-    FloatArray,
-    IntArray,
     Net,
     World,
     activate,

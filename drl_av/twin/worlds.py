@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.compiled import inlined
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 FRONT_M, SPEED_M_S, ACCELERATION_NOW_M_S2, ASIDE_M, LATERAL_SPEED_M_S, LENGTH_M = range(6)
 WIDTH_M, DESIRED_M_S, HEADWAY_S, ACCELERATION_M_S2, THRESHOLD_LEFT = range(6, 11)

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from oracles.plan import next_lane_change
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
 from drl_av.drivers.rule_based import RandomDriver
 from drl_av.driving.actions import Action, Lateral
 from drl_av.driving.scene import Scene
 from drl_av.env.highway import HighwayEnv
-from drl_av.road.road import FloatArray
 from drl_av.road.snapshot import Collision, CollisionKind, Snapshot
 from drl_av.safety.check import Rule, Verdict
 from drl_av.scenarios.folder import PlacedVehicle

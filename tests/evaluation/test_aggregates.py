@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from drl_av.arrays import FloatArray
 from drl_av.errors import DrlAvError
 from drl_av.evaluation.aggregates import (
     interquartile_mean,
     performance_profile,
     probability_of_improvement,
 )
-from drl_av.road.road import FloatArray
 
 TASKS = [np.array([1.0, 9.0, 5.0, 100.0]), np.array([4.0, 3.0, -50.0, 7.0])]
 """Four episodes among each of two numbers of vehicles."""

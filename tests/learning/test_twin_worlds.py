@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import torch
 from worlds import ROAD
 
+from drl_av.arrays import BoolArray, FloatArray
 from drl_av.config.presets import PRESETS
 from drl_av.driving.wide_observation import EGO_AT, WIDE_SIZE, observe_wide
 from drl_av.errors import DrlAvWarning, RunError
@@ -26,8 +26,6 @@ from drl_av.road.road import road_numbers
 from drl_av.road.snapshot import Snapshot
 from drl_av.twin.worlds import COUNT, DESIRED_M_S, EXPECTED_M_S
 
-FloatArray = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 LARGE = (
     PRESETS["large"]
     .updated("ppo", worlds=8)
@@ -45,7 +43,7 @@ def worlds() -> TwinWorlds:
     return TwinWorlds(LARGE, seed=2)
 
 
-def stepped(worlds: TwinWorlds, action: int) -> tuple[FloatArray, Flags, list[dict[str, Any]]]:
+def stepped(worlds: TwinWorlds, action: int) -> tuple[FloatArray, BoolArray, list[dict[str, Any]]]:
     """Drive one decision in all worlds; return the rewards in units of 10 m/s, and the rest."""
     _, rewards, dones, infos = worlds.step(np.full(8, action))
     return rewards / (10.0 * (1.0 - LARGE.ppo.discount)), dones, infos
@@ -308,7 +306,7 @@ def test_the_critic_sees_all_vehicles_also_where_an_episode_ends_and_another_beg
     for part in worlds.parts:
         begin_anew = part.begin_anew
 
-        def note(over: Flags, part: Part = part, begin: Any = begin_anew) -> None:
+        def note(over: BoolArray, part: Part = part, begin: Any = begin_anew) -> None:
             for world in np.flatnonzero(over).tolist():
                 last[part.rows.start + world] = whole_road(part, world)
             begin(over)

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
+from drl_av.arrays import FloatArray
 from drl_av.driving.affordances import SLOTS, Affordances, Neighbor
 from drl_av.road.road import (
     NO_CHANGE,
     Barrier,
-    FloatArray,
     MandatoryChange,
     Road,
     is_beside,

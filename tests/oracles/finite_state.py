@@ -3,16 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray, IntArray
 from drl_av.config import FiniteStateConfig
 from drl_av.drivers.background.finite_state import CRUISE, FOLLOW, LANE_CHANGE
 from drl_av.driving.affordances import SIDES
-from drl_av.road.road import CENTERED_M, FloatArray, Road
+from drl_av.road.road import CENTERED_M, Road
 from drl_av.road.snapshot import Snapshot
-
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
 
 
 class Decisions(NamedTuple):

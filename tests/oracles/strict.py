@@ -5,19 +5,18 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from drl_av.arrays import BoolArray, FloatArray
 from drl_av.config import EgoConfig, SimulationConfig, StrictConfig
 from drl_av.driving.actions import Action, Lateral, Longitudinal, toward
 from drl_av.driving.scene import LaneChange, Scene
-from drl_av.road.road import ARRIVED_M, Barrier, FloatArray
+from drl_av.road.road import ARRIVED_M, Barrier
 from drl_av.road.snapshot import EGO
 from drl_av.safety.check import Rule, Verdict
 from drl_av.safety.reachability import reach, stopping_distance, travel
 from oracles.affordances import has_lane
 from oracles.plan import next_lane_change
 
-Flags = npt.NDArray[np.bool_]
 LINE_M = 0.01
 """A body overlaps a lane if it is at least this far over the marking of that lane."""
 STILL_M_S = 0.01
@@ -56,7 +55,7 @@ def lateral_extent(
 
 def must_stay_behind(
     y_m: FloatArray, width_m: FloatArray, ego_y_m: Any, ego_width_m: float, lane_width_m: float
-) -> Flags:
+) -> BoolArray:
     """Whether a vehicle, if it is behind the ego, must stay behind it by bound 4 of ``strict``.
 
     It must if the bodies overlap laterally, and the ego's body overlaps each lane that the
@@ -76,14 +75,14 @@ class Others(NamedTuple):
     """The check assumes that each vehicle's body stays between ``right_m`` and ``left_m``."""
     gap_m: FloatArray
     """Net gap to the ego along the road; 0 or less for a vehicle beside the ego."""
-    is_ahead: Flags
+    is_ahead: BoolArray
     speed_m_s: FloatArray
     stop_within_m: FloatArray
     """Distance within which the ego must stop in order to stay behind the vehicle, metres.
 
     It is inf for a vehicle behind, and -inf for a vehicle beside the ego whose centre is ahead.
     """
-    must_stay_behind: Flags
+    must_stay_behind: BoolArray
     """Whether the vehicle, if it is behind the ego, must stay behind it (bound 4 of ``strict``)."""
 
 
@@ -100,7 +99,11 @@ def with_barriers(others: Others, barriers: Sequence[Barrier], clearance_m: floa
 
 
 def stopping_limit(
-    gap_m: FloatArray, is_ahead: Flags, speed_m_s: FloatArray, strict: StrictConfig, step_s: float
+    gap_m: FloatArray,
+    is_ahead: BoolArray,
+    speed_m_s: FloatArray,
+    strict: StrictConfig,
+    step_s: float,
 ) -> FloatArray:
     """Return ``Others.stop_within_m``: the distance within which the ego must stop, metres.
 
@@ -111,7 +114,7 @@ def stopping_limit(
     return np.where(is_ahead, rest_m, np.inf)
 
 
-def overlaps_laterally(neighbors: Others, right_m: Any, left_m: Any) -> Flags:
+def overlaps_laterally(neighbors: Others, right_m: Any, left_m: Any) -> BoolArray:
     """Whether each vehicle's body can overlap the lateral range from ``right_m`` to ``left_m``."""
     return (neighbors.left_m > right_m) & (neighbors.right_m < left_m)
 
@@ -141,7 +144,7 @@ def stays_behind(
     covered_m: Sequence[FloatArray | float],
     strict: StrictConfig,
     step_s: float,
-) -> Flags:
+) -> BoolArray:
     """Whether each vehicle behind stays behind an ego that moves into its lane.
 
     Args:

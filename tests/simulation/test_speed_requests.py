@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config
 from drl_av.env.highway import HighwayEnv
-from drl_av.road.road import OPEN_LAP_M, FloatArray
+from drl_av.road.road import OPEN_LAP_M
 from drl_av.road.snapshot import NO_COMMANDS
 from drl_av.scenarios.folder import write_scenario
 from drl_av.scenarios.road_types import ROAD_TYPES

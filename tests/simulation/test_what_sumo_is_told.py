@@ -9,9 +9,9 @@ import libsumo
 import numpy as np
 import pytest
 
+from drl_av.arrays import FloatArray
 from drl_av.config import Config, ObservationConfig
 from drl_av.env.highway import HighwayEnv
-from drl_av.road.road import FloatArray
 from drl_av.road.vehicle_types import VEHICLE
 from drl_av.scenarios.custom_vehicle_types import CustomVehicleType
 from drl_av.scenarios.folder import find_scenario, load_scenario, write_scenario

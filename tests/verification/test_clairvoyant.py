@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from drl_av.arrays import IntArray
 from drl_av.config import Config
 from drl_av.drivers.registry import load_driver
 from drl_av.driving.actions import ACCELERATE, BRAKE, KEEP, LEFT, MAINTAIN, RIGHT
-from drl_av.driving.affordances import CODES, LANE, LEFT_LANE, RIGHT_LANE, IntArray
+from drl_av.driving.affordances import CODES, LANE, LEFT_LANE, RIGHT_LANE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import drive
 from drl_av.env.vector import TwinVectorEnv

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drl_av.arrays import IntArray
 from drl_av.config import Config
 from drl_av.driving.car_following import idm_acceleration
 from drl_av.safety import named_check
 from verification import crash_simulation, crash_table
-from verification.adversary import LENGTH_M, BatchStrict, IntArray, World, one_by_one
+from verification.adversary import LENGTH_M, BatchStrict, World, one_by_one
 from verification.crash_rate import exact_share, rate, report
 from verification.crash_simulation import drive, drivers, run, settings
 from verification.families import needed_gap, placed

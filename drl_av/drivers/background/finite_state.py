@@ -7,10 +7,11 @@ arrays that ``indicators`` has filled for it.
 
 import numpy as np
 
+from drl_av.arrays import FloatArray, IntArray
 from drl_av.config import Config, FiniteStateConfig
-from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane, slot_of
+from drl_av.driving.affordances import LANE, gap_in, has_lane, slot_of
 from drl_av.random_streams import Stream, generator
-from drl_av.road.road import CENTERED_M, FloatArray
+from drl_av.road.road import CENTERED_M
 from drl_av.simulation.population import DriverModel
 
 CRUISE, FOLLOW, LANE_CHANGE = range(3)

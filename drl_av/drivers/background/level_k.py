@@ -9,15 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.compiled import borrowing
 from drl_av.config import Config, Level0Config, SafetyConfig
-from drl_av.drivers.network import LEAK, Float32Array, Layers, leaky_relu
+from drl_av.drivers.network import LEAK, Layers, leaky_relu
 from drl_av.drivers.policy_file import load_run
 from drl_av.driving.actions import ACCELERATE, ACTIONS, BRAKE, HARD_BRAKE, MAINTAIN, SIGNS
-from drl_av.driving.affordances import LANE, IntArray, gap_in, has_lane
+from drl_av.driving.affordances import LANE, gap_in, has_lane
 from drl_av.driving.observation_scale import ObservationScale, ScaleArrays, scale_into
 from drl_av.errors import CheckpointError, DrlAvError
-from drl_av.road.road import CENTERED_M, FloatArray, Road
+from drl_av.road.road import CENTERED_M, Road
 from drl_av.safety.paper import is_clear
 
 LEVELS = {k: Path(__file__).parents[2] / "pretrained" / f"level_{k}" for k in (1, 2)}

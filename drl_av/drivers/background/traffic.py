@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drl_av.arrays import Float32Array, FloatArray, IntArray
 from drl_av.compiled import borrowing
 from drl_av.config import Config, EgoConfig, FiniteStateConfig, Level0Config, ObservationConfig
 from drl_av.config.traffic import STANDSTILL_GAP_M
@@ -19,11 +20,10 @@ from drl_av.drivers.background.level_k import (
     level_k,
     load_level_k,
 )
-from drl_av.drivers.network import Float32Array
 from drl_av.driving.actions import EgoNumbers, acceleration_of, ego_numbers
-from drl_av.driving.affordances import CODES, VALUES, IntArray, complete
+from drl_av.driving.affordances import CODES, VALUES, complete
 from drl_av.driving.nearest import Along, find_nearest, sort_along
-from drl_av.road.road import FloatArray, Road, RoadNumbers, ahead_m, lane_of, road_numbers
+from drl_av.road.road import Road, RoadNumbers, ahead_m, lane_of, road_numbers
 from drl_av.road.snapshot import NO_COMMANDS, Snapshot, TrafficCommands, Vehicles
 from drl_av.road.vehicle_types import VehicleTypes
 from drl_av.safety.reachability import stopping_distance

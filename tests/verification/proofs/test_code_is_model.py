@@ -12,10 +12,10 @@ import z3
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drl_av.arrays import FloatArray
 from drl_av.compiled import compiled
 from drl_av.config import Config, StrictConfig
 from drl_av.driving.actions import Longitudinal, ego_numbers
-from drl_av.road.road import FloatArray
 from drl_av.safety import reachability, strict
 from drl_av.safety.reachability import accelerated, lateral_extent, required_travel, stopping_limit
 from verification.proofs import lateral, motion

@@ -15,6 +15,7 @@ import pytest
 import z3
 
 import verification.adversary as simulator
+from drl_av.arrays import IntArray
 from drl_av.config import Config
 from drl_av.driving.scene import Scene
 from drl_av.road.snapshot import CollisionKind
@@ -22,16 +23,7 @@ from drl_av.safety import strict
 from drl_av.safety.check import Verdicts
 from drl_av.safety.reachability import stopping_distance
 from drl_av.safety.strict import Strict
-from verification.adversary import (
-    LENGTH_M,
-    NONE,
-    BatchStrict,
-    IntArray,
-    Mover,
-    Orders,
-    World,
-    one_by_one,
-)
+from verification.adversary import LENGTH_M, NONE, BatchStrict, Mover, Orders, World, one_by_one
 from verification.approaches import APART_M
 from verification.in_sumo import SumoWorld
 from verification.proofs import followers, following, lane_changes
