@@ -91,6 +91,7 @@ def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float
         read(EGO_ID) for read in (vehicle.getColor, vehicle.getLength, vehicle.getWidth)
     )
     vehicle.setType(EGO_ID, "traffic")
+    standing_m_s = vehicle.getMaxSpeedLat(EGO_ID)
     vehicle.setColor(EGO_ID, color)
     vehicle.setLength(EGO_ID, length_m)
     vehicle.setWidth(EGO_ID, width_m)
@@ -102,7 +103,8 @@ def hand_over(vehicle: Any, model: EgoModel, ego: EgoConfig, lane_width_m: float
     vehicle.setEmergencyDecel(EGO_ID, ego.hard_brake_m_s2)
     vehicle.setMaxSpeedLat(EGO_ID, lane_width_m / ego.lane_change_duration_s)
     vehicle.setTau(EGO_ID, model.headway_s)
-    for name, value in (("lcAssertive", model.assertiveness), ("lcSpeedGain", model.speed_gain)):
+    of_model = {"lcAssertive": model.assertiveness, "lcSpeedGain": model.speed_gain}
+    for name, value in {**of_model, "lcMaxSpeedLatStanding": standing_m_s}.items():
         vehicle.setParameter(EGO_ID, f"laneChangeModel.{name}", repr(value))
     if model.overtake_right:
         vehicle.setVehicleClass(EGO_ID, "emergency")
