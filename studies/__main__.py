@@ -116,10 +116,8 @@ def _make(study: Study, options: Options, word: str, bar: Bar) -> None:
     if done:
         bar.say(f"{path}: {pluralize(done, 'episode')} more")
     else:
-        bar.say(
-            f"{path} is complete: nothing was driven; for a quick form in a folder of its own: "
-            f"python -m studies {word} --quick"
-        )
+        quick = f"; for a quick form in a folder of its own: python -m studies {word} --quick"
+        bar.say(f"{path} is complete: nothing was driven{'' if options.most_episodes else quick}")
     for figure in draw(study, options.out):
         bar.say(str(figure))
     if options.out != RESULTS:  # where the documentation shows them

@@ -117,6 +117,15 @@ class FileStudy:
         for part in ("variants", "trainings", "tables", "figures"):
             for each in _single(content.get(part, {}).values()):
                 _checked(self.path, part, each)
+                if (
+                    part == "tables"
+                    and each.get("rows")
+                    and ("value" in each) != ("columns" in each)
+                ):
+                    raise ConfigError(
+                        f"{self.path} has a table with one of value and columns, which belong "
+                        "together: name both, or a measure."
+                    )
                 measures = each.get("measures", ()), each.get("value"), each.get("x")
                 for one in (*measures[0], *(m for m in measures[1:] if isinstance(m, dict))):
                     if len(_checked(self.path, "measures", one).keys() & MEASURES) != 1:
@@ -246,11 +255,11 @@ class FileStudy:
                     f"{self.path}: an episode lacks the column {name!r}{hint}: correct or remove "
                     "it, or give it to each variant."
                 )
-        begun = [place(c.row(driver, c.seeds[0])) for c in cells for driver in c.drivers]
+        begun = [place(c.row(d, seed)) for c in cells for d in c.drivers for seed in c.seeds[:2]]
         if len({*begun}) < len(begun):
             raise ConfigError(
-                f"{self.path} has rows that order does not tell apart: add traffic, variant or a "
-                "column of the variants to order and columns."
+                f"{self.path} has rows that order does not tell apart: add vehicles, seed, driver, "
+                "traffic, variant or a column of the variants to order and columns."
             )
         scenarios = {config.simulation.scenario for config in settings.values()}
         files = {f"scenario {name}": files_digest(find_scenario(name)) for name in scenarios}

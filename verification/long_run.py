@@ -123,7 +123,7 @@ def main() -> int:
     if facts and not (
         facts.get("mixes") == names and stored_config(facts["settings"], str(arguments.out)) == base
     ):
-        raise settings_mismatch(arguments.out, arguments.out.with_suffix(".json"))
+        raise settings_mismatch(arguments.out, arguments.out.with_suffix(".json"), "settings")
     spent_s = facts.get("wall_time_s", 0.0)
     made: dict[str, Any] = {"settings": asdict(base), "mixes": names}
     if not facts:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drl_av.cli.options import add_path
 from drl_av.cli.tables import title_of
 from drl_av.config import Config, load_config
+from drl_av.config.traffic import NUMBERS
 from drl_av.drivers.groups import trainings_of
 from drl_av.errors import ConfigError, DrlAvError
 from drl_av.evaluation import PROVENANCE
@@ -181,7 +182,7 @@ def _require_like_episodes(tables: Sequence[Path]) -> None:
                 f"{section}.{name}": value
                 for section in ("simulation", "traffic", "ego", "reward")
                 for name, value in settings.get(section, {}).items()
-                if name not in ("vehicles_min", "vehicles_max")  # the columns say how many
+                if name not in NUMBERS  # the columns say how many
             }
         for name, value in now.items():
             first, its = found.setdefault(name, (str(table), value))

@@ -31,6 +31,7 @@ from drl_av.config.safety import SafetyConfig as SafetyConfig
 from drl_av.config.safety import StrictConfig as StrictConfig
 from drl_av.config.section import did_you_mean
 from drl_av.config.simulation import SimulationConfig as SimulationConfig
+from drl_av.config.traffic import NUMBERS
 from drl_av.config.traffic import SINGLE_PRESETS as SINGLE_PRESETS
 from drl_av.config.traffic import TRAFFIC_PRESETS as TRAFFIC_PRESETS
 from drl_av.config.traffic import TrafficConfig as TrafficConfig
@@ -89,8 +90,10 @@ class Config:
 
     @property
     def without_training(self) -> "Config":
-        """This config with the default settings of trainings, on which no episode depends."""
-        return replace(self, learning=LearningConfig(), ppo=PpoConfig())
+        """This config with the default settings of trainings, on which no evaluation depends."""
+        usual = {name: getattr(TrafficConfig, name) for name in NUMBERS}
+        cleared = replace(self, learning=LearningConfig(), ppo=PpoConfig())
+        return cleared.updated("traffic", **usual)
 
     def to_toml(self) -> str:
         """Return all settings as TOML text; ``from_toml`` converts it back to an equal config."""

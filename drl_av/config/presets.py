@@ -8,6 +8,7 @@ from typing import Any
 
 from drl_av.config import SINGLE_PRESETS, Config, PpoConfig, from_sections, load_config
 from drl_av.config.section import did_you_mean, there_is_no
+from drl_av.config.traffic import NUMBERS
 from drl_av.errors import ConfigError
 
 LITERAL: dict[str, dict[str, Any]] = {
@@ -43,7 +44,7 @@ def _with_ramps(name: str, scenario: str) -> Config:
 for _scenario in ("merge", "exit", "ramp_to_ramp"):
     PRESETS[f"paper-{_scenario}"] = _with_ramps("paper", _scenario)
 _LARGE: dict[str, dict[str, Any]] = {
-    "merge": {"decisions": 3_000_000},
+    "merge": {"decisions": 3_000_000, "lane_units": 48, "hidden_1": 96, "hidden_2": 96},
     "exit": {"decisions": 3_000_000, "forced_brake_cost": 20.0},
     "ramp_to_ramp": {"decisions": 4_000_000, "forced_brake_cost": 1.0, "discount": 0.995},
 }
@@ -136,7 +137,7 @@ def require_driving_setting(name: str, shown: str, numbers: str) -> None:
     ``shown`` is how the user gave it, ``numbers`` where numbers of vehicles are given.
     """
     remedy = ""
-    if name in ("traffic.vehicles_min", "traffic.vehicles_max"):
+    if name in [f"traffic.{number}" for number in NUMBERS]:
         remedy = f": give the numbers here with {numbers}"
     elif name.startswith(("learning.", "ppo.")):
         remedy = ", which ended: leave it out"

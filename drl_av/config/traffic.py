@@ -18,6 +18,8 @@ PAPER_SHARES: dict[str, Any] = {
     "level_1_share": 0.25,
 }
 """The shares of the drivers that Sec. IV-B names: by default a quarter each, which is ours."""
+NUMBERS = "vehicles_min", "vehicles_max"
+"""The settings that an evaluation does not use, which names its numbers of vehicles."""
 NO_PAPER_DRIVERS: dict[str, Any] = dict.fromkeys(PAPER_SHARES, 0.0)
 SUMO_ALONE = (
     "traffic: finite_state_share, the shares of the levels and hard_braking_share must be 0 on an "

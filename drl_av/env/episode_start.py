@@ -139,11 +139,12 @@ def seeds_of_worlds(seed: Any, worlds: int) -> list[int | None]:
     if seed is None:
         return [None] * worlds
     seeds = [int(seed) + row for row in range(worlds)] if is_whole(seed) else seed
-    listed = isinstance(seeds, Sequence | np.ndarray) and len(seeds) == worlds
+    is_list = isinstance(seeds, Sequence) or (isinstance(seeds, np.ndarray) and seeds.ndim == 1)
+    listed = is_list and len(seeds) == worlds
     if not listed or not all(one is None or (is_whole(one) and one < 2**63) for one in seeds):
         raise ConfigError(
-            f"seed is {seed!r}, but must be a whole number below 2^63, or one for each of the "
-            f"{worlds} worlds."
+            f"seed is {seed!r}, but must be a whole number or one for each of the {worlds} worlds, "
+            "each world's below 2^63."
         )
     return [None if one is None else int(one) for one in seeds]
 

@@ -107,7 +107,13 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, IntArray, npt.NDArray[A
                 "make_vec drives in the twin, which has no pictures and no SUMO: leave render_mode "
                 "and sumo_options out, or add vectorization_mode='sync'."
             )
-        config = settings_on(config, scenario)
+        named = dict(config).get("simulation") if isinstance(config, Mapping) else None
+        if isinstance(named, Mapping) and named.get("world") == "sumo":
+            raise ConfigError(
+                "make_vec drives in the twin, but simulation.world is sumo: leave it out, or add "
+                "vectorization_mode='sync'."
+            )
+        config = settings_on(config, scenario).updated("simulation", world="twin")
         if safety_check is not None:
             if not isinstance(safety_check, str):
                 raise ConfigError(
@@ -289,7 +295,12 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, IntArray, npt.NDArray[A
         return fork
 
     def action_masks(self) -> npt.NDArray[np.int8]:
-        """Return the action masks of the present scenes, shape (num_envs, 12), int8."""
+        """Return the action masks of the present scenes, shape (num_envs, 12), int8.
+
+        Raises gymnasium.error.ResetNeeded if no episode has begun.
+        """
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded("There are no scenes yet: call reset.")
         masks: npt.NDArray[np.int8] = (self.episodes.executed == np.arange(12)).astype(np.int8)
         return masks
 

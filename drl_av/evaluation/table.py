@@ -278,12 +278,11 @@ def report_corrupt_table(table: Path) -> Iterator[None]:
         ) from error
 
 
-def settings_mismatch(table: Path, beside: Path, conflict: str = "") -> DrlAvError:
+def settings_mismatch(table: Path, beside: Path, conflict: str) -> DrlAvError:
     """Return the error for a table that was made with other settings or drivers."""
-    found = f" ({conflict})" if conflict else ""
     return DrlAvError(
-        f"{table} was made with other settings, columns or drivers{found}: choose another --out, "
-        f"or move it and {beside.name} away to make it again."
+        f"{table} was made with other settings, columns or drivers ({conflict}): choose another "
+        f"--out, or move it and {beside.name} away to make it again."
     )
 
 

@@ -46,6 +46,15 @@ def test_the_numbers_of_vehicles_of_a_training_are_none_of_an_evaluation(capsys:
         assert "=10 is a setting of trainings: give the numbers here with" in error_message(capsys)
 
 
+def test_a_table_takes_drivers_whose_trainings_had_other_numbers_of_vehicles(here: Path) -> None:
+    (here / "few.toml").write_text("[traffic]\nvehicles_max = 8\n")
+    words = ["evaluate", "--vehicles", "9", "--episodes", "1", "--out", "t.csv"]
+    words += ["-o", "simulation.decisions_per_episode=2"]
+    assert main([*words, "--driver", "idm", "--config", "few.toml"]) == 0
+    assert main([*words, "--driver", "random"]) == 0
+    assert len((here / "t.csv").read_text().splitlines()) == 3
+
+
 def test_a_scenario_is_the_same_however_its_path_is_written(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

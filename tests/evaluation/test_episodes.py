@@ -223,7 +223,7 @@ def test_an_interrupted_evaluation_continues_and_drives_nothing_twice(
     assert "by_vehicles" in json.loads(summary.read_text())
     assert "9 episodes each" in capsys.readouterr().out
     assert cli.main([*words, "--criticality"]) == 1
-    assert "was made with other settings, columns or drivers" in capsys.readouterr().err
+    assert "other settings, columns or drivers (column c" in capsys.readouterr().err
     facts = json.loads(out.with_suffix(".provenance.json").read_text())
     made = facts["seeds"], facts["engine"], facts["step_length_s"]
     assert made == ("0 to 8", "loky", 0.5)

@@ -126,6 +126,11 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
     [
         ("vehicles = [1, 3]", "vehicels = [1, 3]", r"unknown key 'vehicels' \(did you mean 'vehic"),
         ("first = 7", "frist = 7", r"unknown key 'frist' \(did you mean 'first'"),
+        (
+            'columns = "vehicles"\n',
+            "",
+            "table with one of value and columns, which belong together",
+        ),
         ("first = 7", "first = 999_999", "has the seeds from 999999 to 1000000: .* of 0 to 999"),
         ("count = 2", "count = -2", "name one or more of 0 to 999999"),
         ("count = 2", "count = true", "count is True, but must be a whole number"),
@@ -136,7 +141,12 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
         ("vehicles = [1, 3]", "vehicles = 5", "vehicles is 5, but must be a list"),
         ("vehicles = [1, 3]", "vehicles = [1, '3']", "vehicles is '3', but must be a whole number"),
         ('"vehicles", "seed", "driver"]', '"sed"]', "order has 'sed', but must be of driver, "),
-        ('order = ["t_min_s", ', "order = [", "order does not tell apart: add traffic, variant or"),
+        ('order = ["t_min_s", ', "order = [", "order does not tell apart: add vehicles, seed, dri"),
+        (
+            '"vehicles", "seed", "driver"]',
+            '"vehicles", "driver"]',
+            "order does not tell apart: add",
+        ),
         ('columns = ["t_min_s", ', "columns = [", "order has 't_min_s', which columns lacks: add"),
         (
             '"mean_speed_m_s", "e',
@@ -379,7 +389,7 @@ def test_the_command_line_runs_a_file_of_ones_own_in_a_quick_form(
     [folder] = here.glob("quick-results-*")
     assert {"mine.csv", "mine.json", "mine.png"} == {path.name for path in folder.iterdir()}
     assert main([*words, "--out", str(folder)]) == 0
-    assert "mine.csv is complete: nothing was driven; for a quick form" in capsys.readouterr().out
+    assert "mine.csv is complete: nothing was driven\n" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(["opponent"])
     assert "there is no study 'opponent' (did you mean 'opponents'?)" in capsys.readouterr().err

@@ -229,6 +229,14 @@ def test_a_scenario_of_the_settings_is_as_if_it_were_named() -> None:
     env.close()
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(1, np.int64))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.action_masks()
+
+
+def test_its_world_is_the_twin_and_sumo_is_refused() -> None:
+    assert TwinVectorEnv(1).config.simulation.world == "twin"
+    with pytest.raises(ConfigError, match="world is sumo: leave it out, or add vectorization_m"):
+        TwinVectorEnv(1, config={"simulation": {"world": "sumo"}})
 
 
 def test_a_reset_names_the_options_that_it_has() -> None:
@@ -316,9 +324,11 @@ def test_the_first_reset_begins_all_worlds() -> None:
         TwinVectorEnv(2).reset(options={"reset_mask": np.array([True, False])})
 
 
-@pytest.mark.parametrize("seed", ["a", 1.5, [1, "b"], {1: 2, 3: 4}, 2**63, [1, 2, 3]], ids=str)
+@pytest.mark.parametrize(
+    "seed", ["a", 1.5, [1, "b"], {1: 2, 3: 4}, 2**63 - 1, [1, 2, 3], np.array(5)], ids=str
+)
 def test_a_seed_that_is_no_number_is_refused(seed: Any) -> None:
-    with pytest.raises(ConfigError, match=r"must be a whole number below 2\^63, or one for each"):
+    with pytest.raises(ConfigError, match=r"a whole number or one for each of .* below 2\^63"):
         TwinVectorEnv(2).reset(seed=seed)
 
 
