@@ -301,6 +301,9 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, IntArray, npt.NDArray[A
         """
         if not self._begun:
             raise gymnasium.error.ResetNeeded("There are no scenes yet: call reset.")
+        return self._masks()
+
+    def _masks(self) -> npt.NDArray[np.int8]:
         masks: npt.NDArray[np.int8] = (self.episodes.executed == np.arange(12)).astype(np.int8)
         return masks
 
@@ -380,7 +383,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, IntArray, npt.NDArray[A
 
     def _info(self) -> dict[str, Any]:
         """Return what ``reset`` and ``step`` have in common of ``info``."""
-        mask = self.action_masks() if self._masked else None
+        mask = self._masks() if self._masked else None
         return common_info(self, mask)
 
     def _start_info(self, rows: npt.NDArray[np.intp]) -> dict[str, Any]:
