@@ -133,10 +133,11 @@ def _require_options_of_ppo(options: argparse.Namespace) -> None:
     """Raise ConfigError if an option is given that only Algorithm 1 has."""
     for option in ("episodes", "replay", "tensorboard", "reward", "sumo_options"):
         if getattr(options, option):
+            length = ", whose length is -o ppo.decisions=N" if option == "episodes" else ""
             raise ConfigError(
                 f"--{option.replace('_', '-')} belongs to the training by Algorithm 1, but this "
-                "one is PPO at scale, whose length is -o ppo.decisions=N: leave it out, or choose "
-                "another preset in a new folder."
+                f"one is PPO at scale{length}: leave it out, or choose another preset in a new "
+                "folder."
             )
 
 
