@@ -102,7 +102,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, IntArray, npt.NDArray[A
         render_mode: None = None,
         sumo_options: None = None,
     ) -> None:
-        if render_mode is not None or sumo_options is not None:
+        if render_mode is not None or sumo_options:
             raise ConfigError(
                 "make_vec drives in the twin, which has no pictures and no SUMO: leave render_mode "
                 "and sumo_options out, or add vectorization_mode='sync'."
