@@ -243,8 +243,8 @@ def _rows(
     jobs, held = evaluation.jobs, set[tuple[int, int, str]]()
     if table:
         kind = CriticalityResult if options.criticality else EpisodeResult
-        columns = {name for first in table.rows[:1] for name in first} or column_types(kind).keys()
-        if other := (columns ^ column_types(kind).keys()) - USUAL.keys():
+        columns = column_types(kind).keys()
+        if other := ({*next(iter(table.rows), columns)} ^ columns) - USUAL.keys():
             raise settings_mismatch(table.path, table.beside, f"column {min(other)}")
         with report_corrupt_table(table.path):
             results = results_of(table.rows, kind)

@@ -107,7 +107,7 @@ class TwinVectorEnv(WorldArrays, VectorEnv[Observations, IntArray, npt.NDArray[A
                 "make_vec drives in the twin, which has no pictures and no SUMO: leave render_mode "
                 "and sumo_options out, or add vectorization_mode='sync'."
             )
-        named = dict(config).get("simulation") if isinstance(config, Mapping) else None
+        named = config.get("simulation") if isinstance(config, Mapping) else None
         if isinstance(named, Mapping) and named.get("world") == "sumo":
             raise ConfigError(
                 "make_vec drives in the twin, but simulation.world is sumo: leave it out, or add "

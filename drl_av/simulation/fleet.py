@@ -293,8 +293,6 @@ class Fleet:
     def _with_types(self, population: Population) -> tuple[list[str], Population]:
         """Draw the types of vehicles; those of the user's types are not trucks of ``traffic``."""
         types = [*islice(self._types, len(population.ids))]
-        if not self.scenario.description.vehicle_types:
-            return types, population
         is_truck = population.is_truck & np.array([name == "traffic" for name in types])
         return types, replace(population, is_truck=is_truck)
 
@@ -341,10 +339,5 @@ class Fleet:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the lengths and the widths of vehicles, metres, each of shape (n,)."""
         types, traffic = [self._size_of[name] for name in type_ids], self.config.traffic
-        truck_m = traffic.truck_length_m, traffic.truck_width_m
-        sizes_m = [
-            truck_m if trucks else (its.length_m, its.width_m)
-            for its, trucks in zip(types, is_truck.tolist(), strict=True)
-        ]
-        length_m, width_m = np.array(sizes_m).T.copy()
-        return length_m, width_m
+        length_m = np.where(is_truck, traffic.truck_length_m, [each.length_m for each in types])
+        return length_m, np.where(is_truck, traffic.truck_width_m, [each.width_m for each in types])

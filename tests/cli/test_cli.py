@@ -335,8 +335,10 @@ def test_a_verb_that_is_misspelt_is_corrected(capsys: Capsys) -> None:
 def test_several_files_and_settings_of_the_command_line_are_laid_over_each_other(
     here: Path, capsys: Capsys
 ) -> None:
-    Path("a.toml").write_text("[traffic]\nvehicles_max = 20\nvehicles_min = 2\n")
-    Path("b.toml").write_text("[traffic]\nvehicles_max = 9\n")
+    Path("a.toml").write_text(
+        "[traffic]\nvehicles_max = 20\nvehicles_min = 2\nheadway_min_s = 1.1\nheadway_max_s = 1.5\n"
+    )
+    Path("b.toml").write_text("[traffic]\nvehicles_max = 9\nheadway_max_s = 1.9\n")
     both = ["--config", "a.toml", "--config", "b.toml"]
     words = ["config", "traffic", "-o", "traffic.vehicles_max=30"]
     for more, found in (
@@ -354,6 +356,7 @@ def test_several_files_and_settings_of_the_command_line_are_laid_over_each_other
     rows = list(csv.DictReader(Path("rows.csv").read_text().splitlines()))
     assert [(row["vehicles"], row["decisions"]) for row in rows] == [(n, "2") for n in "123"]
     used = json.loads(Path("rows.provenance.json").read_text())["settings"]["traffic"]
+    assert (used["headway_min_s"], used["headway_max_s"]) == (1.1, 1.9)
     assert (used["vehicles_min"], used["vehicles_max"]) == (1, 30)  # the rows say how many
 
 
