@@ -38,8 +38,8 @@ def export(options: argparse.Namespace) -> int:
             "give a run's folder, or pretrained, the shipped driver."
         )
     run = SHIPPED.get(options.run, Path(options.run))
-    if is_actor(file := find_policy(run)):
-        export_actor(options.out, *load_actor(file))
+    if is_actor(find_policy(run)):
+        export_actor(options.out, *load_actor(run))
         ports = {"input": ACTOR_INPUTS, "output": ACTOR_OUTPUTS}
     else:
         network, config = load_run(run)

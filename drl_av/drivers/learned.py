@@ -14,7 +14,13 @@ from drl_av.arrays import BoolArray, Float32Array
 from drl_av.config import Config
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.network import Layers, QNetwork, forward
-from drl_av.drivers.policy_file import load, load_layers, load_run
+from drl_av.drivers.policy_file import (
+    find_policy,
+    load,
+    load_layers,
+    load_run,
+    require_its_settings,
+)
 from drl_av.driving.actions import ACTIONS, Action
 from drl_av.driving.affordances import observed_indicators
 from drl_av.driving.mirror import MIRROR, Mirror, mirror_of, mirrored_observations
@@ -100,8 +106,17 @@ def load_learned(path: Path) -> tuple[LearnedDriver, Config]:
     return learned_driver(network, config), config
 
 
-def require_same_observation(name: str, own: Config, config: Config) -> None:
-    """Raise RunError unless a learned driver observes here what it observed in its training."""
+def require_same_observation(
+    name: str, own: Config, config: Config, own_observation: object = None
+) -> None:
+    """Raise RunError unless a learned driver observes here what it observed in its training.
+
+    ``own_observation`` is None if the environment's observation is that of its settings.
+    """
+    if own_observation is not None:
+        raise RunError(
+            f"{name} observes the indicators alone: drive it without --observation (observation=)."
+        )
     same_scale = own.ego.max_speed_m_s == config.ego.max_speed_m_s
     if own.observation != config.observation or not same_scale:
         raise RunError(
@@ -199,10 +214,9 @@ def actor_driver(
 
 
 def load_actor(path: Path) -> tuple[Layers, Config]:
-    """Read the layers and the config of a policy file of a training at scale.
+    """Read the layers and the config of a training at scale, from its folder or policy file.
 
-    Raises:
-        CheckpointError: as ``load_layers``.
+    Raises the errors of ``load_run``.
     """
 
     def sizes_of(config: Config) -> Sequence[int]:
@@ -210,7 +224,9 @@ def load_actor(path: Path) -> tuple[Layers, Config]:
         lanes = [groups * ppo.lane_units] if ppo.lane_units else []
         return INPUTS, *lanes, ppo.hidden_1, ppo.hidden_2, len(ACTIONS)
 
-    return load_layers(path, KIND, sizes_of)
+    layers, config = load_layers(find_policy(path), KIND, sizes_of)
+    require_its_settings(path, config)
+    return layers, config
 
 
 def is_actor(path: Path) -> bool:

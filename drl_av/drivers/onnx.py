@@ -244,8 +244,10 @@ def exported_config(path: Path) -> Config | None:
     Raises:
         CheckpointError: the file holds no network, or onnxruntime is not installed.
     """
-    text = _session(path)[0].get_modelmeta().custom_metadata_map.get("config")
-    return None if text is None else from_toml(text, name=str(path))
+    metadata = _session(path)[0].get_modelmeta().custom_metadata_map
+    if not {"config", "actions"} <= metadata.keys():
+        return None
+    return from_toml(metadata["config"], name=str(path))
 
 
 LONGEST_RUN_S = 10.0

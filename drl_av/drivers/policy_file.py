@@ -212,12 +212,16 @@ def load_run(path: Path) -> tuple[QNetwork, Config]:
         CheckpointError: the policy file is damaged, or its config differs from ``config.toml`` in
             the folder.
     """
-    file = find_policy(path)
-    network, config = load_policy(file)
-    settings = file.with_name("config.toml")
-    if path.is_dir() and settings.is_file() and load_config(settings) != config:
-        raise CheckpointError(
-            f"{file} belongs to other settings than {settings}: put back the policy of that run, "
-            "or name the policy file itself."
-        )
+    network, config = load_policy(find_policy(path))
+    require_its_settings(path, config)
     return network, config
+
+
+def require_its_settings(run: Path, config: Config) -> None:
+    """Raise CheckpointError if a folder's policy has another config than its ``config.toml``."""
+    settings = run / "config.toml"
+    if settings.is_file() and load_config(settings) != config:
+        raise CheckpointError(
+            f"{run / 'policy.safetensors'} belongs to other settings than {settings}: put back the "
+            "policy of that run, or name the policy file itself."
+        )

@@ -117,8 +117,7 @@ class DriverSpec:
         """
         if self.run is None or self.is_external:
             return None
-        file = policy_file.find_policy(self.run)
-        return load_actor(file) if is_actor(file) else None
+        return load_actor(self.run) if is_actor(policy_file.find_policy(self.run)) else None
 
     @cached_property
     def trained_with(self) -> Config | None:
@@ -197,7 +196,7 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
     named = {*driver_names(), *filter(is_factory, runs)}
     parts = {word: Path(word).absolute().parts for word in runs}
     last = {w: "/".join(p[-1 - p[-1].startswith(BEST) :]) for w, p in parts.items()}
-    short = {word: word if {word, last[word]} & named else last[word] for word in runs}
+    short = {w: w if {*map(_without_check, (w, last[w]))} & named else last[w] for w in runs}
     count = Counter((groups[word], name) for word, name in short.items())
     specs = []
     for word, run in runs.items():
@@ -206,6 +205,13 @@ def find_drivers(words: Iterable[str | Path]) -> tuple[DriverSpec, ...]:
         if any(groups.values()):
             name, group = (f"{group}/{name}", group) if group else (name, name)
         specs.append(DriverSpec(name, run, under=under, group=group))
+    times = Counter(spec.name for spec in specs)
+    for spec, word in zip(specs, runs, strict=True):
+        if times[spec.name] > 1 or (not groups[word] and spec.name in groups.values()):
+            raise ConfigError(
+                f"{word} would be called {spec.name}, as another driver or a group: rename its "
+                "folder or the group."
+            )
     return tuple(specs)
 
 
@@ -306,7 +312,7 @@ def make_drivers(
 
     Raises:
         RunError: a run has no policy file; or a learned driver was trained with other settings of
-            [observation] or another ``ego.max_speed_m_s``.
+            [observation], another ``ego.max_speed_m_s`` or another observation.
         ScenarioError: a learned driver needs the check of a scenario that cannot be read.
         CheckpointError: a file is damaged or holds no driver, or a driver with another observation.
         ConfigError: a factory does not work, or no rule-based driver has the name.
@@ -327,7 +333,7 @@ def make_drivers(
             drivers[name] = actor_driver(name, spec.actor, driven_by, its_check(spec))
         elif spec.learned is not None:
             drivers[name], own = spec.learned
-            require_same_observation(name, own, config)
+            require_same_observation(name, own, config, own_observation)
         elif spec.own is not None:
             drivers[name] = spec.own
         elif not spec.is_external:

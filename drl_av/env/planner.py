@@ -17,7 +17,7 @@ from drl_av.config.learning import SPAN_M_S
 from drl_av.drivers.driver import Driver
 from drl_av.drivers.learned import actor_driver, load_actor
 from drl_av.drivers.network import Layers
-from drl_av.drivers.policy_file import PRETRAINED, find_policy
+from drl_av.drivers.policy_file import PRETRAINED
 from drl_av.driving.actions import ACTIONS, HARD_BRAKE, Action
 from drl_av.driving.maneuver import aborts
 from drl_av.driving.scene import Scene
@@ -239,4 +239,4 @@ def _libraries() -> ThreadpoolController:
 
 def planner(config: Config) -> PlannerDriver:
     """Return the planner with the shipped driver as its base policy."""
-    return PlannerDriver(load_actor(find_policy(PRETRAINED)), config)
+    return PlannerDriver(load_actor(PRETRAINED), config)

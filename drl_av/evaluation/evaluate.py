@@ -196,7 +196,7 @@ def _specs(drivers: Any, own: Mapping[str, Driver]) -> list[DriverSpec]:
         if name.partition("@")[0] in driver_names():
             raise ConfigError(f"own names a driver {name!r}, as one of ours: choose another name.")
         require_driver(driver, f"The driver {name!r} in own", name)
-        if name in [spec.name for spec in specs]:
+        if name in {word for spec in specs for word in (spec.name, spec.group)}:
             raise ConfigError(f"Two drivers are called {name!r}: rename the one in own.")
         group = printable(name) if has_groups else ""
         specs.append(DriverSpec(printable(name), None, driver, group=group))

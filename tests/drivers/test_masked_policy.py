@@ -1,6 +1,7 @@
 """The driver of a training at scale: its files, and how it chooses among permitted actions."""
 
 import random
+import shutil
 import warnings
 from contextlib import closing
 from itertools import islice
@@ -211,6 +212,13 @@ def test_a_driver_of_another_range_and_a_damaged_file_are_refused(
     cut.write_bytes((run / "policy.safetensors").read_bytes()[:-100])
     with pytest.raises(CheckpointError, match="cut short"):
         load_driver(cut)
+    other = tmp_path / "other"
+    shutil.copytree(run, other)
+    text = (other / "config.toml").read_text()
+    (other / "config.toml").write_text(text.replace("max_speed_m_s = 30.0", "max_speed_m_s = 25.0"))
+    with pytest.raises(CheckpointError, match="belongs to other settings than"):
+        load_driver(other)
+    load_driver(other / "policy.safetensors")
 
 
 def test_a_folder_that_is_not_empty_is_left_alone_and_not_said_to_be_resumable(

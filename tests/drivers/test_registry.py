@@ -22,6 +22,7 @@ from drl_av.drivers.registry import (
     find_drivers,
     make_drivers,
 )
+from drl_av.env.observation import GROUPS
 from drl_av.errors import CheckpointError, RunError
 
 KEEP, LEFT, BRAKE = 0, 8, 2
@@ -67,6 +68,12 @@ def test_a_run_with_the_name_of_a_driver_keeps_its_path(tmp_path: Path) -> None:
     specs = find_drivers([*map(str, runs), "sumo"])
     assert [spec.name for spec in specs] == [*map(str, runs), "sumo"]
     assert baselines(spec.name for spec in specs) == ["sumo"]
+    planner = run_folder(tmp_path / "planner")
+    words = [f"{runs[0]}@strict", f"{planner}@paper"]
+    specs = find_drivers(words)
+    assert [spec.name for spec in specs] == words
+    assert not baselines(spec.name for spec in specs)
+    assert not any(spec.is_planner for spec in specs)
 
 
 @pytest.mark.parametrize(
@@ -136,6 +143,12 @@ def test_run_that_sees_the_road_otherwise_is_refused(
     specs = find_drivers([str(run_folder(tmp_path / "run"))])
     with pytest.raises(RunError, match="was trained with other"):
         make_drivers(specs, SHORT.updated(section, **change))
+
+
+def test_a_run_is_not_fed_another_observation_of_as_many_numbers() -> None:
+    groups = tuple(GROUPS)[6::-1]
+    with pytest.raises(RunError, match="pretrained-paper observes the indicators alone: drive it"):
+        drl_av.evaluate("pretrained-paper", vehicles=[2], episodes=1, observation=groups)
 
 
 def test_folder_without_a_policy_and_damaged_policy_are_refused(tmp_path: Path) -> None:

@@ -137,6 +137,8 @@ def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(here: Path)
     assert {spec.group for spec in find_drivers(["runs/seed-1", "idm"])} == {""}
     [first, *_] = find_drivers(["ppo=runs/*@paper"])
     assert (first.group, first.under) == ("ppo@paper", "paper")
+    for name in ("other/ppo", "ppo/seed-2", "seed-2"):
+        run_folder(Path(name))
     run_folder(Path("rate=1"))  # a folder with such a name is no pattern
     assert trainings_of("rate=1") == ("", ["rate=1"])
     for words, why in (
@@ -147,6 +149,8 @@ def test_a_pattern_names_the_trainings_in_the_order_of_their_numbers(here: Path)
             "runs/seed-2 is named twice, in the group dqn and in the group ppo: name it once",
         ),
         (["ppo=runs/*", "runs/seed-2"], "is named twice, alone and in the group ppo"),
+        (["ppo=runs/*", "other/ppo"], "other/ppo would be called ppo, as another driver or a gr"),
+        (["ppo=runs/*", "ppo/seed-2", "seed-2"], "seed-2 would be called ppo/seed-2, as anoth"),
     ):
         with pytest.raises(ConfigError, match=why):
             find_drivers(words)
