@@ -6,7 +6,6 @@ paper ("Table I", "Sec. IV-B"), another publication, or "ours" if the paper does
 it. A setting's name ends with its unit, as in ``headway_s``; lower and upper bounds are inclusive.
 """
 
-import contextlib
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -166,18 +165,28 @@ def with_files(config: Config, paths: Iterable[str | Path]) -> Config:
     """
     waiting: dict[str, Any] = {}
     refusals: list[ConfigError] = []
+    reasons = set[str]()
     for path in paths:
-        is_setting = isinstance(path, str) and SETTING.match(path) and not Path(path).exists()
+        is_setting = isinstance(path, str) and SETTING.match(path) and not _exists(path)
         found = _setting(str(path)) if is_setting else _document(_text(path), str(path))
         waiting = _laid_over(waiting, found)
         try:
-            config, waiting, refusals = _in(str(path), waiting, config), {}, []
+            config = _in(str(path), waiting, config)
+            waiting, refusals, reasons = {}, [], set()
         except ConfigError as error:
             refusals.append(error)
+            reasons.add(str(error).replace(str(path), ""))
     if refusals:
-        same = len({str(error.__cause__ or error) for error in refusals}) == 1
-        raise refusals[0 if same else -1]
+        raise refusals[0 if len(reasons) == 1 else -1]
     return config
+
+
+def _exists(path: str) -> bool:
+    """Return whether there is such a path; the system refuses names that are too long."""
+    try:
+        return Path(path).exists()
+    except OSError:
+        return False
 
 
 def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -207,10 +216,11 @@ def _setting(word: str) -> dict[str, Any]:
     found = SETTING.fullmatch(word)
     assert found is not None
     section, key, text = found.groups()
-    value: object = text
-    with contextlib.suppress(ValueError, RecursionError):
-        value = tomllib.loads(f"value = {text}")["value"]
-    return {section: {key: value}}
+    try:
+        read = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        read = {}
+    return {section: {key: read["value"] if [*read] == ["value"] else text}}
 
 
 def _document(text: str, name: str) -> dict[str, Any]:

@@ -38,7 +38,8 @@ class LearningConfig(Section):
     gradient_steps: gradient steps per decision (Alg. 1)
     collisions_to_start: number of transitions that Buf_C must hold before learning starts (ours)
     mirrored: whether left and right are exchanged in half of each minibatch, and the driver uses
-        the mean Q-value of the scene and its mirror image (ours)
+        the mean Q-value of the scene and its mirror image; a reward of yours must then be the same
+        for both (ours)
     evaluate_every: episodes between evaluations (Sec. IV-C)
     evaluation_episodes: episodes of an evaluation (ours)
     checkpoint_every: episodes between checkpoints (ours)

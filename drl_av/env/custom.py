@@ -56,15 +56,19 @@ def custom_inputs(config: Config, custom: CustomParts) -> dict[str, str]:
 
 
 def _word(part: Any) -> str:
+    module, name = "", ""
     if isinstance(part, str):
-        return part
-    if isinstance(part, Iterable):
+        module, _, name = part.partition(":")
+        if module != "__main__":
+            return part
+    elif isinstance(part, Iterable):
         return " ".join(map(str, part))
-    named = part if hasattr(part, "__qualname__") else type(part)
-    module = named.__module__
+    else:
+        named = part if hasattr(part, "__qualname__") else type(part)
+        module, name = named.__module__, named.__qualname__
     if module == "__main__":  # the program itself, which another one imports by its file's name
         module = Path(getattr(sys.modules["__main__"], "__file__", None) or module).stem
-    return f"{module}:{named.__qualname__}"
+    return f"{module}:{name}"
 
 
 def with_check(

@@ -311,7 +311,7 @@ def build_training(env: HighwayEnv) -> Training:
     Raises:
         ConfigError: ``traffic.vehicles_max`` vehicles do not fit on the road; the experience buffer
             does not fit in the memory; or ``learning.mirrored`` is set, but the reward of a scene
-            and of its mirror image differ.
+            and of its mirror image differ. Nothing tells whether a reward of the user does.
     """
     env.require_room()
     require_symmetry(env.config, env.road)
@@ -336,7 +336,7 @@ def make_buffer(config: LearningConfig, observation_size: int) -> Buffer:
             f"learning.collisions_to_start is {config.collisions_to_start}, but the buffer of "
             f"collisions holds {most}, so nothing would be learned: set it to {most} or less."
         )
-    if is_one and config.discount == 0:
+    if is_one and np.float32(config.discount) == 0:
         raise ConfigError(
             "With learning.discount = 0 each transition would count as a collision in one buffer: "
             "set it above 0, or learning.replay to two-buffer."

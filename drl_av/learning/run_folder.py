@@ -254,6 +254,10 @@ def open_training(
     """
     if not resume:
         require_no_hold(config)
+        if config.learning.algorithm == "ppo":
+            raise ConfigError(
+                "learning.algorithm is ppo, but this training is by Algorithm 1: leave it out."
+            )
         require_new(folder, resumable=True)
     run, usual = Run(folder, custom), asdict(PpoConfig())
     if others := [name for name, value in asdict(config.ppo).items() if value != usual[name]]:

@@ -142,6 +142,14 @@ def test_settings_that_fit_together_are_taken_in_any_order(order: int, tmp_path:
         with_files(Config(), ["traffic.vehicles_min=40", "safety.check=strict"])
     with pytest.raises(ConfigError, match=r"no key 'vehicle_max' \(did you mean 'vehicles_max'"):
         with_files(Config(), ["traffic.vehicles_min=40", "traffic.vehicle_max=50"])
+    files[0].write_text("[learning]\nsed = 3\n")
+    files[1].write_text("[learning]\nseed = 4\n")
+    with pytest.raises(ConfigError, match=r"0.toml: \[learning\] has no key 'sed'"):
+        with_files(Config(), files)
+    with pytest.raises(ConfigError, match=r"traffic.vehicles_max=5\nvehicles_min=3: .*must be"):
+        with_files(Config(), ["traffic.vehicles_max=5\nvehicles_min=3"])
+    with pytest.raises(ConfigError, match=r"vehicles_max is .xxx"):
+        with_files(Config(), [f"traffic.vehicles_max={300 * 'x'}"])
     late = ["traffic.truck_share=0.2", "traffic.kind=calm"]
     for words in (late, [pair[0], *late, pair[1]]):  # a kind resets what is before it, always
         assert with_files(Config(), words).traffic.truck_share == 0.0

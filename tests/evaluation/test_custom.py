@@ -308,10 +308,11 @@ def test_the_reward_of_a_program_is_named_as_another_program_would(mine: str) ->
     assert CustomParts(observation=speed()).words() == {"observation": f"{mine}:Speed"}
     options = CustomParts(sumo_options=["--fcd-output", "a b.xml"])
     assert options.words() == {"sumo_options": "--fcd-output 'a b.xml'"}
-    program = "import drl_av.env.custom as c\nprint(c.CustomParts(reward=lambda t: 0).words())"
+    program = "import drl_av.env.custom as c\nfor reward in (lambda t: 0, '__main__:mine'):\n"
+    program += "    print(c.CustomParts(reward=reward).words())"
     Path("my_program.py").write_text(program)
     run = subprocess.run([sys.executable, "my_program.py"], capture_output=True, text=True)
-    assert run.stdout == "{'reward': 'my_program:<lambda>'}\n"
+    assert run.stdout == "{'reward': 'my_program:<lambda>'}\n{'reward': 'my_program:mine'}\n"
 
 
 @pytest.mark.parametrize(

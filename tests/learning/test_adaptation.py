@@ -219,6 +219,7 @@ def test_killed_or_stopped_by_ctrl_c_it_ends_with_the_same_bytes(
         (["pretrained"], "pretrained learned by PPO, which has no continual adaptation: give a"),
         (["--learning-rate", "2"], "learning.learning_rate is 2.0, but must be a number from"),
         (["--learning-rate", "nan"], "learning.learning_rate is nan"),
+        (["-o", "learning.algorithm=ppo"], "learning.algorithm is ppo, but this training is by"),
         (["--config", "narrow.toml"], "does not fit learning.hidden_units, learning.replay or the"),
         (["--config", "blind.toml"], "was trained with other [observation] settings"),
         (["--resume"], "is not a run: it has no config.toml"),
