@@ -99,7 +99,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "more",
     )
     add_path(parser, "--json", "FILE.json", "write the summary")
-    add_env_options(parser, "the first RUN's")
+    add_env_options(parser, "the first RUN's, but those of trainings")
     add_observation(parser)
 
 

@@ -83,9 +83,10 @@ def figures(options: argparse.Namespace) -> int:
             f"{recordings[0]} is a recording, not a table: draw it with --time-space."
         )
     if others := [run for run in by_another if not (run / "evaluations.csv").is_file()]:
+        grouped = others[0] not in runs
         raise ConfigError(
             f"{others[0]} is not a run, it has neither evaluations.csv nor updates.csv: name the "
-            "folder of a run, or a table of evaluate."
+            f"folder of a run{', or a table alone' if grouped else ', or a table of evaluate'}."
         )
     if by_ppo and by_another:
         raise ConfigError(

@@ -82,7 +82,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_path(parser, "--fcd", "FILE.xml", fcd)
     frame = "write drl_av.episode_frame: each vehicle at each decision; needs the extra parquet"
     add_path(parser, "--parquet", "FILE.parquet", frame)
-    add_env_options(parser, "the RUN's")
+    add_env_options(parser, "the RUN's, but those of trainings")
     add_observation(parser)
 
 
@@ -206,6 +206,10 @@ def _sessions(options: argparse.Namespace) -> "list[ReplaySession]":
             raise RecordingError(
                 f"{file} was recorded in the twin, and SUMO's floating car data (--fcd) come from "
                 "SUMO: record the episode anew there, or take --parquet."
+            )
+        if options.observation is not None:
+            raise RecordingError(
+                f"--observation has no effect on {file}, whose actions are recorded: leave it out."
             )
         _refuse_settings(options, file, recording.config.safety.check)
     sessions = [replay_session(recording, custom) for recording in recordings]

@@ -211,7 +211,7 @@ def recording_of(
         states[moment, there] = states_of(shot)
         sizes_m[there] = np.stack((shot.length_m, shot.width_m), axis=1)
     return Recording(
-        env.config,
+        env.config.without_training,
         driver,
         seed,
         len(moments[0].ids) - 1,

@@ -210,7 +210,9 @@ def on_its_road(config: Config, source: Path | str, scenario: str | None) -> Con
 
 def require_same_traffic(sessions: Sequence[ReplaySession]) -> None:
     """Raise RecordingError unless these episodes meet the same traffic on the same road."""
-    met = [(one.seed, one.vehicles, one.config.simulation, one.config.traffic) for one in sessions]
+    configs = [one.config.without_training for one in sessions]
+    roads = [(one.simulation, one.traffic) for one in configs]
+    met = [(one.seed, one.vehicles, road) for one, road in zip(sessions, roads, strict=True)]
     if any(each != met[0] for each in met):
         raise RecordingError(
             "These recordings are of other traffic or another road, so that one page would compare "

@@ -128,14 +128,14 @@ class ResultTable:
         self._written = _stamp(path)
         self._rows: dict[tuple[Any, ...], Row] = {}
         with report_corrupt_table(path):
-            facts = read_provenance(path, suffix)
             rows = read_rows(path)
+            facts = read_provenance(path, suffix) if rows else {}
             require_values(rows)
             for row in rows:
                 if (at := place(row)) in self._rows:
                     raise ValueError(f"the row {at} is there twice")
                 self._rows[at] = row
-            self._inputs = _stored(facts, self.beside) if rows or facts else inputs
+            self._inputs = _stored(facts, self.beside) if rows else inputs
             self._former = facts
             self.seconds = _seconds(facts)
         self.require(inputs)

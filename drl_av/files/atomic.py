@@ -284,4 +284,7 @@ def _locked(path: Path, flags: int, busy: DrlAvError) -> int:
     except BlockingIOError as error:
         os.close(descriptor)
         raise busy from error
+    if not os.fstat(descriptor).st_nlink:  # its last owner has removed it since it was opened
+        os.close(descriptor)
+        return _locked(path, flags, busy)
     return descriptor

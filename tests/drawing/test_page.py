@@ -138,6 +138,17 @@ def test_on_a_short_loop_the_road_goes_on_and_a_vehicle_is_seen_a_lap_away(page:
     assert line.count((0x1D, 0x23, 0x2A)) == 0  # asphalt all along, no empty ground
 
 
+def test_ten_lanes_and_their_ring_are_on_the_page(page: Path) -> None:
+    wide = replace(ROAD, open_lanes=(True,) * 10)
+    shots = [
+        snapshot(Car(40.0, 0.0), y_m=9 * wide.lane_width_m, time_s=t, road=wide) for t in (0.0, 1.0)
+    ]
+    write_page(page, wide, [PageEpisode("wide", snapshots=shots, decisions=[KEEP])])
+    assert "1.0 s of 1 s" in browser(page, 1.0, "--dump-dom")
+    image = picture_of(page, 1.0)
+    assert [image.getpixel((600, y)) for y in range(60, 240)].count(EGO_COLOR) > 5
+
+
 def test_on_a_phone_the_page_is_not_wider_than_the_screen(page: Path) -> None:
     frame, text = page.with_name("phone.html"), html.escape(page.read_text(encoding="utf-8"))
     script = "const d = f.contentDocument.documentElement; document.title = d.scrollWidth"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from drives import hash_of
 from PIL import Image
-from runs import Capsys, error_message
+from runs import Capsys, error_message, run_folder
 
 from drl_av.cli import main
 from drl_av.config import Config
@@ -200,8 +200,11 @@ def test_two_drivers_meet_the_same_traffic_on_one_page(here: Path, capsys: Capsy
     elsewhere = SHORT.updated("simulation", scenario="/home/ann/circle")
     by_sumo = ReplaySession(elsewhere, load_driver("sumo"), "sumo", 0, 3)
     assert by_sumo.facts == "safety check: none; scenario: circle; world: sumo"
+    run_folder(Path("mine"), SHORT.updated("traffic", vehicles_max=12).updated("learning", seed=3))
     for name in ("idm", "random"):
         assert main(["replay", name, *drive, "--record", f"{name}.npz"]) == 0
+    assert main(["replay", "mine", *drive[:-2], "--vehicles", "9", "--record", "mine.npz"]) == 0
+    assert load_recording(Path("mine.npz")).config.learning.seed == 0  # no episode depends on it
     assert main(["replay", "idm.npz", "random.npz", "--html", "again.html"]) == 0
     assert page_data(Path("again.html"))[1]["frames"] == other["frames"]
 
@@ -214,6 +217,7 @@ def test_two_drivers_meet_the_same_traffic_on_one_page(here: Path, capsys: Capsy
         ("idm random gap-mobil --html x.html", "idm and random and gap-mobil are no one episode"),
         ("own.npz idm --html x.html", r"own\.npz and idm are no one episode"),
         ("own.npz other.npz --html x.html", r"These recordings are of other traffic"),
+        ("own.npz --observation wide --html x.html", "--observation has no effect on own.npz, wh"),
         ("a.csv b.csv --worst min_ttc_s --html x.html", "--worst takes a table of evaluate"),
     ],
 )

@@ -166,6 +166,13 @@ def test_a_damaged_table_is_refused(how: str, saved: Path) -> None:
     require_refused(saved, message)
 
 
+def test_a_provenance_without_its_table_is_no_history(saved: Path) -> None:
+    (saved / "rows.csv").unlink()
+    table = ResultTable(saved / "rows.csv", Inputs({"": CONFIG.with_traffic("hazards")}), PLACE)
+    assert table.rows == []
+    assert sum(table.seconds.values()) == 0.0
+
+
 def test_a_table_that_windows_wrote_is_read(saved: Path) -> None:
     for name in ("rows.csv", "rows.json"):
         file = saved / name
