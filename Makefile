@@ -128,6 +128,7 @@ results: setup
 	$(call text,clairvoyant.txt,-m verification.clairvoyant --vehicles 10 15 20 25 --episodes 100 --jobs 2)
 	$(BIN)/python -m verification.shielding --out docs/results/shielding.csv
 	$(call text,twin_costs.txt,tools/measure_twin.py)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[benchmark]'
 	$(call text,benchmark.txt,tools/benchmark.py)
 	$(BIN)/python tools/execute_notebook.py examples/tour.ipynb
 	$(BIN)/python tools/draw_drive.py docs/drive.gif

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from drl_av.evaluation.trajectories import episode_frame as episode_frame
     from drl_av.learning.train import train as train
 
-__version__ = "0.10.0"
+__version__ = "0.11.0"
 __all__ = ["RecordVideo", "attach", "episode_frame", "evaluate", "load_driver", "train"]
 
 _NAMES = {

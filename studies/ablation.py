@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from drl_av.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from drl_av.cli.console import exit_status
+from drl_av.cli.options import int_at_least
 from drl_av.config import SINGLE_PRESETS, Config
 from drl_av.config.presets import PRESETS
 from drl_av.drivers.network import forward
@@ -266,7 +267,7 @@ def command_line(name: str, doc: str | None, seeds: Sequence[int] = ()) -> argpa
     """Return the parser of a study of trainings."""
     parser = argparse.ArgumentParser(f"python -m studies.{name}", description=doc)
     parser.add_argument("--seeds", nargs="+", type=int, default=seeds)
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--jobs", type=int_at_least(1), default=2)
     parser.add_argument("--runs", type=Path, default=Path("runs/studies") / name)
     parser.add_argument("--out", type=Path, default=RESULTS / f"{name}.csv")
     return parser

@@ -89,16 +89,18 @@ class BarricadeMetrics(EpisodeMetrics):
         return 0 <= lane < len(self._road.open_lanes) and not is_open(lane, self._road)
 
 
-def train_and_evaluate(config: Config) -> list[Row]:
+def train_and_evaluate(task: tuple[Config, Sequence[Row]]) -> list[Row]:
     """Train a driver, then evaluate it; return a row for each block of episodes of both parts.
 
-    An interrupted training starts again from its beginning.
+    ``task`` is the config and the keys of the rows. An interrupted training starts again from its
+    beginning.
     """
     from drl_av.learning.algorithm_1 import build_training
 
+    config, keys = task
     with closing(HighwayEnv(config=config)) as env:
         training, rows = build_training(env), []
-        for key in _keys(config):
+        for key in keys:
             episodes = []
             for seed in range(min(BLOCK, int(key["episode"]))):
                 metrics = BarricadeMetrics(env.road, training.driver)
@@ -124,15 +126,18 @@ def _summed(episodes: Sequence[BarricadeMetrics]) -> Row:
     return {name: str(count) for name, count in counts.items()}
 
 
-def _keys(config: Config) -> list[Row]:
-    """Return the columns that say the place of each row of a training."""
+def _keys(config: Config, most_episodes: int) -> list[Row]:
+    """Return the columns that say the place of each row of a training.
+
+    The trained driver drives a block, but at most ``most_episodes``.
+    """
     own = {"safety_check": config.safety.check, "seed": str(config.learning.seed)}
     last = min(EPISODES[config.safety.check], config.learning.episodes)
     block = min(BLOCK, last)
     ends = [("training", episode) for episode in range(block, last + 1, block)]
     return [
         {**own, "phase": phase, "episode": str(episode)}
-        for phase, episode in [*ends, ("trained", block)]
+        for phase, episode in [*ends, ("trained", min(block, most_episodes))]
     ]
 
 
@@ -160,7 +165,8 @@ def barricade_plan(options: Options) -> Plan:
         for seed in SEEDS[: options.trainings(len(SEEDS))]
         for check in CHECKS
     ]
-    calls = [Call(_keys(config), train_and_evaluate, config) for config in configs]
+    tasks = [(config, _keys(config, options.episodes(BLOCK))) for config in configs]
+    calls = [Call(task[1], train_and_evaluate, task) for task in tasks]
     place = order_by(seed=SEEDS, safety_check=CHECKS, phase=PHASES, episode=int)
     return Plan(Inputs({"": configs[0]}), place, calls=calls)
 

@@ -33,6 +33,8 @@ METRICS: Mapping[str, tuple[type[EpisodeMetrics], type[EpisodeResult]]] = {
 """The metrics of an episode by name, and the fields that they have."""
 MEASURES = {"mean", "interval", "total", "text", "iqm", "improvement", "gain", "change"}
 """The kinds of measures of a table (``studies.pivot``)."""
+COMPARED = {"improvement", "gain", "change"}
+"""Those that compare rows with others."""
 KEYS: Mapping[str, Mapping[str, type]] = {
     "": dict.fromkeys(("meaning", "row", "metrics"), str)
     | dict.fromkeys(("settings", "rows", "variants", "trainings", "tables", "figures"), dict)
@@ -117,6 +119,13 @@ class FileStudy:
         for part in ("variants", "trainings", "tables", "figures"):
             for each in _single(content.get(part, {}).values()):
                 _checked(self.path, part, each)
+                if part == "trainings" and "seeds" in each:
+                    own = _checked(self.path, "seeds", each["seeds"])
+                    if own["count"] < 1 or own.get("first", 0) < 0:
+                        raise ConfigError(
+                            f"{self.path} has a training with the seeds {own}: name one or more, "
+                            "from 0 on."
+                        )
                 if (
                     part == "tables"
                     and each.get("rows")
@@ -128,11 +137,19 @@ class FileStudy:
                     )
                 measures = each.get("measures", ()), each.get("value"), each.get("x")
                 for one in (*measures[0], *(m for m in measures[1:] if isinstance(m, dict))):
-                    if len(_checked(self.path, "measures", one).keys() & MEASURES) != 1:
+                    kinds = _checked(self.path, "measures", one).keys() & MEASURES
+                    if len(kinds) != 1:
                         raise ConfigError(
                             f"{self.path} has the measure {one}: it must have one of the keys "
                             f"{', '.join(sorted(MEASURES))}."
                         )
+                    if kinds & COMPARED and not one.keys() & {"over", "of"}:
+                        raise ConfigError(
+                            f"{self.path} has the measure {one}: it must name with over (or of) "
+                            "what the rows are compared to."
+                        )
+                    if any(one is each for each in measures[0]) and "head" not in one:
+                        raise ConfigError(f"{self.path} has the measure {one}: give it a head.")
         first, variants = seeds.get("first", 0), content.get("variants", {}).values()
         for count in (seeds["count"], *(v["episodes"] for v in variants if "episodes" in v)):
             if not 0 <= first < first + count <= TRAINING_SEED_RANGE[0]:
@@ -177,7 +194,7 @@ class FileStudy:
             Variant(
                 name,
                 tuple(dict.fromkeys(own.get("drivers", rows.get("drivers", ())))),
-                tuple(own.get("vehicles", rows.get("vehicles", ()))),
+                tuple(dict.fromkeys(own.get("vehicles", rows.get("vehicles", ())))),
                 own.get("episodes", rows["seeds"]["count"]),
                 {name: str(value) for name, value in own.get("columns", {}).items()},
                 own.get("settings", {}),
@@ -310,7 +327,7 @@ class FileStudy:
         for variant, drivers, made in groups:
             job, trained_name = (made.job, made.name) if made else (None, "")
             base = made.job.config if made else self.base(drivers, options)
-            for kind in rows.get("traffic", [None]):
+            for kind in dict.fromkeys(rows.get("traffic", [None])):
                 own = self.file.get("settings", {}), _traffic(kind), variant.settings
                 config = options.settings(base, *own)
                 if made:

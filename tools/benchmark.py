@@ -65,6 +65,7 @@ from benchmark_rows import (
     worlds_rows,
 )
 
+from drl_av.cli.options import int_at_least
 from verification.program import made_by
 
 
@@ -125,8 +126,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("rows", nargs="*", metavar="ROW", help=f"of: {', '.join(ROWS)} (all)")
-    parser.add_argument("--rounds", type=int, default=5, help="number of rounds (default: 5)")
-    parser.add_argument("--episodes", type=int, default=5, help="in each round (default: 5)")
+    parser.add_argument("--rounds", type=int_at_least(1), default=5, help="(default: 5)")
+    parser.add_argument("--episodes", type=int_at_least(1), default=5, help="of each (default: 5)")
     parser.add_argument("--json", action="store_true", help="print a JSON list")
     options = parser.parse_args()
     if unknown := set(options.rows) - set(ROWS):

@@ -15,6 +15,7 @@ from drl_av.drivers.registry import default_config, find_drivers, make_drivers
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.rollout import rollout
 from drl_av.env.video import Film
+from drl_av.files.atomic import require_writable
 
 FRAMES_PER_DECISION = 6
 FRAME_MS = 90
@@ -35,6 +36,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=38, help="first decision (default: 38)")
     parser.add_argument("--last", type=int, default=54, help="last decision (default: 54)")
     options = parser.parse_args()
+    require_writable(options.out)
     choices = find_drivers(DRIVERS)
     config = default_config(choices).with_traffic("calm")
     config = config.updated("simulation", decisions_per_episode=options.last)

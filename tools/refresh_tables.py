@@ -32,8 +32,10 @@ from verification import crash_table, imported_nets, ramps, shielding_report, st
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 LOCK = RESULTS / "tables.sha256"
-CODE = ("pivot", "results", "study", "learning_curves", "adaptation")
-STATISTICS = [ROOT / f"drl_av/evaluation/{name}.py" for name in ("statistics", "aggregates")]
+CODE = ("pivot", "results", "study", "learning_curves", "adaptation", "barricade")
+STATISTICS = [
+    ROOT / f"drl_av/evaluation/{name}.py" for name in ("statistics", "aggregates", "figures")
+]
 
 
 class Table(NamedTuple):

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drl_av.arrays import FloatArray
-from verification.crash_simulation import CHECKS, Outcome, run, settings
+from verification.crash_simulation import CHECKS, Outcome, drivers, run, settings
 from verification.naturalistic import ADVERSARY, CARELESS_SHARE, PEOPLE
 from verification.program import Program, run_program
 
@@ -50,7 +50,7 @@ def rate(crashed: FloatArray, weights: FloatArray) -> Rate:
         return exact_share(int(crashed.sum()), n)
     half = 1.96 * float(weighted.std(ddof=1)) / np.sqrt(n)
     value, unseen = float(weighted.mean()), 3.0 / n * float(weights.max())
-    return Rate(value, max(0.0, value - half), value + half + unseen)
+    return Rate(value, max(0.0, value - half), min(value + half + unseen, 1.0))
 
 
 def exact_share(hits: int, tests: int) -> Rate:
@@ -110,6 +110,8 @@ def main() -> int:
     parser.add_argument("--people", action="store_true", help=text)
     parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
+    for driver, check in product(options.driver, options.safety_check):
+        drivers(driver, settings(check), 1)
     frequencies = PEOPLE if options.people else ADVERSARY
     for careless in options.careless:
         print(f"{100 * careless:g} % of the lane changes are careless of the vehicle behind")

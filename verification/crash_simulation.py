@@ -68,12 +68,15 @@ def drivers(word: str, config: Config, tests: int) -> list[Driver]:
     A driver from a file has none, so that one object drives all tests.
 
     Raises:
-        ConfigError: there is no such driver, SUMO drives it, or the word names a check after an @.
+        ConfigError: there is no such driver, SUMO drives it, it needs a road to search on, or the
+            word names a check after an @.
         RunError, CheckpointError: as ``make_drivers``.
     """
     [spec] = find_drivers([word])
     if spec.under is not None:
         raise ConfigError(f"{word} names a check: name it with --safety-check {spec.under}.")
+    if spec.is_planner:
+        raise ConfigError("The planner searches on a loop, not in these tests: take another.")
     check, objects = safety_check(config), tests if spec.run is None else 1
     made = [make_drivers([spec], config, check)[spec.name] for _ in range(objects)]
     if isinstance(made[0], SumoDriver):

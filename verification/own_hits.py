@@ -24,7 +24,7 @@ import numpy as np
 from drl_av.arrays import BoolArray, FloatArray
 from verification.adversary import ROAD, World
 from verification.crash_rate import Rate, add_careless, exact_share
-from verification.crash_simulation import CHECKS, SECONDS, Outcome, run, settings
+from verification.crash_simulation import CHECKS, SECONDS, Outcome, drivers, run, settings
 from verification.naturalistic import (
     ADVERSARY,
     CARELESS_SHARE,
@@ -118,6 +118,8 @@ def main() -> int:
     parser.number("--jobs", 1, "number of processes")
     options = parser.parse_args()
     config, contradicted = settings("real"), 0
+    for driver in options.driver:
+        drivers(driver, config, 1)
     for driver in options.driver:
         print(f"driver {driver}")
         for careless in options.careless:

@@ -24,7 +24,6 @@ from studies.barricade import (
     avoided_from,
     barricade_figure,
     barricade_table,
-    train_and_evaluate,
 )
 from studies.engine import make
 from studies.options import Options, changed
@@ -75,7 +74,8 @@ def test_only_the_unchecked_training_runs_into_the_barricade(
 ) -> None:
     monkeypatch.setattr(barricade, "BLOCK", 2)
     monkeypatch.setattr(barricade, "EPISODES", {"permit_all": 8, "paper": 2})
-    rows = {check: train_and_evaluate(config(check)) for check in ("permit_all", "paper")}
+    calls = barricade.barricade_plan(Options()).calls[:2]
+    rows = {call.keys[0]["safety_check"]: call.function(call.argument) for call in calls}
     for check, own in rows.items():
         assert {(row["safety_check"], row["seed"]) for row in own} == {(check, "0")}
         assert own[-1]["phase"] == "trained"
@@ -89,6 +89,8 @@ def test_a_quick_form_is_as_short_as_its_settings_say() -> None:
     [first, *_] = barricade.barricade_plan(Options(config=("learning.episodes=3",))).calls
     keys = [(key["phase"], key["episode"]) for key in first.keys]
     assert keys == [("training", "3"), ("trained", "3")]
+    [first, *_] = barricade.barricade_plan(Options(most_episodes=2)).calls
+    assert (first.keys[-1]["phase"], first.keys[-1]["episode"]) == ("trained", "2")
 
 
 def test_a_training_that_is_in_the_table_is_not_repeated(

@@ -174,6 +174,13 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
         ('text = "{ego', 'txt = "{ego', "unknown key 'txt'"),
         (', text = "{ego_hit} of {episodes}"', "", r"has the measure \{'head': 'hits'\}: it must"),
         ('columns = "vehicles"\nvalue', 'colums = "vehicles"\nvalue', "unknown key 'colums'"),
+        (
+            *("[tables.", '[trainings."a-{seed}"]\nbase="paper"\nseeds={count=0}\n[tables.'),
+            "has a training with the seeds {'count': 0}: name one or more",
+        ),
+        ('text = "{ego', 'gain = "{ego', "it must name with over .or of. what the rows are comp"),
+        ("{ head = ", "{ digits = 1, hed = ", "unknown key 'hed'"),
+        ('{ head = "hits", ', "{ ", "has the measure .*: give it a head"),
         ("meaning =", "meaning = =", "mine.toml is not valid TOML"),
         ("[rows]", "[rows_]", r"rows is missing, but must be a table"),
     ],

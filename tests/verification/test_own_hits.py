@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from runs import Capsys
 
-from verification import own_hits
+from drl_av.errors import ConfigError
+from verification import crash_rate, own_hits
 from verification.adversary import World
 from verification.crash_simulation import SECONDS, settings
 from verification.naturalistic import PEOPLE, Traffic, starts
@@ -87,6 +88,16 @@ def test_the_control_can_fail(
     assert "strict, bounds of real traffic: 2 tests of 0." in out
     control = "control: 3 tests in which no vehicle tries, the ego hits a vehicle"
     assert f"{control} {3 * status} times" in out
+
+
+def test_a_driver_that_cannot_be_tested_is_refused_before_the_first_test(
+    capsys: Capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for program in (own_hits, crash_rate):
+        monkeypatch.setattr("sys.argv", ["program", "--tests", "2", "--driver", "idm", "planner"])
+        with pytest.raises(ConfigError, match="The planner searches on a loop, not in these tests"):
+            program.main()
+        assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize("share", ["0", "1", "1.5"])
