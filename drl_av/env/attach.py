@@ -168,7 +168,13 @@ def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
         around.after_reroute = partial(_require_right_of_way, around)
         around.after_reroute()
     _, road = around.read()
-    return named_check(config, around.vehicle_types(config.ego), road)
+
+    def check_on_types() -> SafetyCheck:
+        return named_check(config, around.vehicle_types(config.ego), road)
+
+    if config.safety.check == "strict":
+        around.after_new_types = check_on_types
+    return check_on_types()
 
 
 def _require_right_of_way(around: Surroundings) -> None:

@@ -39,7 +39,8 @@ EGO = {
 cutting in so closely that the model could not brake in time. Its tau of 1.5 s covers one decision
 in which the ego still accelerates."""
 COLORS = {"traffic": "240,190,40", "ego": "233,64,200"}
-APPEARANCE = ("id", "color", "guiShape")
+APPEARANCE = ("id", "color", "guiShape", "probability")
+"""Attributes that change nothing in how a vehicle drives."""
 BOUNDS = {"length": LENGTHS_M, "width": WIDTHS_M}
 """Smallest and largest allowed values of some attributes, metres; the others must be above 0."""
 

@@ -100,8 +100,7 @@ def write_scenario(folder: str | Path, description: RoadDescription) -> None:
         for path in map(Path, description.additional_files):
             if (unfinished / path.name).exists():
                 raise ScenarioError(f"The scenario has a file {path.name} already: rename yours.")
-            root = read_xml(path, OWN_ADDITIONAL, OWN_FILES)
-            types = [each.attrib for each in root.iter("vType")]
+            types = _types_in(read_xml(path, OWN_ADDITIONAL, OWN_FILES), path)
             own = _own_types(types, str(path))
             described = _with(described, str(path), vehicle_types=(*described.vehicle_types, *own))
             read_types([*type_attributes(5.0, 1.8), *types], str(path), [each.id for each in own])
@@ -141,7 +140,7 @@ def load_scenario(folder: str | Path) -> Scenario:
     for path in others:
         own = str(path) in description.additional_files
         root = read_xml(path, *((OWN_ADDITIONAL, OWN_FILES) if own else (ADDITIONAL, WRITE_AGAIN)))
-        in_path = [each.attrib for each in root.iter("vType")]
+        in_path = _types_in(root, path)
         types += in_path
         kinds = (*description.vehicle_types, *_own_types(in_path, str(path)))
         description = _with(description, str(path), vehicle_types=kinds)
@@ -175,6 +174,17 @@ def _with(description: RoadDescription, name: str, **values: Any) -> RoadDescrip
         return replace(description, **values)
     except ScenarioError as error:
         raise ScenarioError(f"{name}: {error}") from error
+
+
+def _types_in(root: ET.Element, path: Path) -> list[dict[str, str]]:
+    """Return the attributes of a file's vehicle types; raise ScenarioError if it names others."""
+    for each in root.iter("vTypeDistribution"):
+        if named := {"vTypes", "probabilities"} & each.attrib.keys():
+            raise ScenarioError(
+                f"{path}: its vTypeDistribution has {min(named)}, but must have its types inside, "
+                "each with its probability."
+            )
+    return [each.attrib for each in root.iter("vType")]
 
 
 def _own_types(types: Sequence[Mapping[str, str]], name: str) -> list[CustomVehicleType]:

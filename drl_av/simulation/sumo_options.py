@@ -36,8 +36,8 @@ def option_words(given: str | Sequence[str]) -> tuple[str, ...]:
         if name in ("r", "route-files", "routes"):
             raise ConfigError(
                 f"sumo_options has -{'-' * (len(name) > 1)}{name}, but drl-av places the vehicles: "
-                "put types into an additional file, or drive with drl_av.attach in a simulation of "
-                "your own."
+                "put types into additional_files of scenario.toml, or drive with drl_av.attach in "
+                "a simulation of your own."
             )
         if name in SET_BY_US:
             raise ConfigError(f"sumo_options has {name}, which drl-av sets itself: leave it out.")
@@ -60,6 +60,8 @@ WRITES = re.compile(
     r"|save-(configuration|config|template|schema)))$"
 )
 """Options by which SUMO writes a file, with their synonyms."""
+BY_VEHICLE = re.compile(r"^--device\.ssm\.(probability|explicit|deterministic)$")
+"""Options by which SUMO writes a file for each vehicle, with its name."""
 WRITTEN = {
     **dict.fromkeys((*DETECTORS, "vTypeProbe", "routeProbe"), "file"),
     "timedEvent": "dest",
@@ -113,7 +115,8 @@ def require_one_process(given: str | Sequence[str]) -> None:
     """Raise ConfigError if SUMO would write one file in several processes."""
     words = option_words(given)
     its = (f"the additional file {name}, which writes {file}" for name, file in _written(words))
-    if written := next(itertools.chain(filter(WRITES.search, words), its), None):
+    own = (word for word in words if WRITES.search(word) or BY_VEHICLE.search(word))
+    if written := next(itertools.chain(own, its), None):
         raise ConfigError(
             f"sumo_options has {written}, and several processes would write one file: take one "
             "process."

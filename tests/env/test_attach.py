@@ -611,6 +611,19 @@ def test_a_type_that_brakes_harder_or_later_is_refused_under_strict(
     assert "\n" not in str(error.value)
 
 
+def test_a_type_that_sumo_loads_later_must_keep_to_the_bounds_of_strict_too(net: Path) -> None:
+    begin(net, car("ego", 2, 100) + car("other", 1, 100))
+    ego, *_ = attached("gap-mobil", "strict")
+    sumo.vehicletype.copy("car", "soft")
+    sumo.vehicle.setTau("other", 1.2)  # SUMO makes a type for it alone
+    sumo.simulationStep()
+    drive(ego, 2.0)
+    sumo.vehicletype.copy("car", "hard")
+    sumo.vehicletype.setEmergencyDecel("hard", 9.0)
+    with pytest.raises(ConfigError, match="the emergencyDecel of the vehicle type hard must be at"):
+        drive(ego, 2.0)
+
+
 def test_the_default_type_is_refused_under_strict_if_a_vehicle_has_it(net: Path) -> None:
     begin(net, car("ego", 1, 100) + '<vehicle id="usual" route="on" depart="0" departPos="300"/>')
     with pytest.raises(ConfigError, match="DEFAULT_VEHTYPE must be at most strict"):

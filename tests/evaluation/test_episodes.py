@@ -184,6 +184,7 @@ def test_processes_do_not_share_a_file_that_sumo_writes(tmp_path: Path, capsys: 
     options = f"--fcd-output={file}", f"--device.ssm.file {file}", f"-a {reading},{writing}"
     states = f"--save-state.times 1 --save-state.prefix {file}"
     options += states, f"-l {file}", f"-C {file}", f"--device.rerouting.output {file}"
+    options += ("--device.ssm.probability 1",)
     for words, option in product(commands, options):
         assert cli.main([*words.split(), "--jobs", "2", f"--sumo-options={option}"]) == 1
         assert "several processes would write one file" in capsys.readouterr().err

@@ -60,6 +60,15 @@ def test_a_scenario_carries_detectors_and_types_of_the_user(here: Path) -> None:
         env.reset(seed=0)
 
 
+def test_strict_takes_types_with_shares(here: Path) -> None:
+    like_ours = 'laneChangeModel="SL2015" lcAccelLat="1000" lcKeepRight="0" minGap="2.5"'
+    own_file(TYPES.replace(MOVES, f'{MOVES} {like_ours} speedFactor="1" speedDev="0"'))
+    assert write() == 0
+    with closing(HighwayEnv(scenario="./road", safety_check="strict", config=SHORT)) as env:
+        env.reset(seed=0, options={"vehicles": 10})
+        assert {*env.simulation.fleet.type_ids[1:]} == {"long", "short"}
+
+
 @pytest.mark.parametrize(
     ("element", "said"),
     [
@@ -67,6 +76,7 @@ def test_a_scenario_carries_detectors_and_types_of_the_user(here: Path) -> None:
         ('<vehicle id="v" depart="0"/>', "it has an element <vehicle>"),
         ('<rerouter id="r" edges="e0" file="NUL"/>', "it has an element <rerouter>"),
         (TYPES.replace(' decel="4"', ""), "has decel None"),
+        (TYPES.replace('id="mine"', 'id="mine" vTypes="traffic"'), "has vTypes, but must have its"),
         (TYPES.replace('length="16"', ""), "a vType has no length: add it"),
         (TYPES.replace("IDM", "EIDM"), "car_following_model is 'EIDM'"),
         (TYPES.replace('probability="3"', 'probability="many"'), "'short' has probability 'many'"),
