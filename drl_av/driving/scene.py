@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,10 +104,13 @@ class Scene:
                 "the ego first, or one number, all finite, and length_m and width_m above 0."
             ) from error
         there = int(lanes) if isinstance(lanes, Integral) else 0
-        road = Road(OPEN_LAP_M, float(lane_width_m), (True,) * there, end_m=OPEN_LAP_M)
-        fits = 0.0 < lane_width_m < OPEN_LAP_M and is_open(road.lane_of(arrays[1, EGO]), road)
+        width_m = float(lane_width_m) if isinstance(lane_width_m, Real) else 0.0
+        road = Road(OPEN_LAP_M, width_m, (True,) * there, end_m=OPEN_LAP_M)
+        fits = 0.0 < width_m < OPEN_LAP_M and is_open(road.lane_of(arrays[1, EGO]), road)
         if fits and lane_change is not None:
-            origin, target, _ = lane_change
+            is_change = isinstance(lane_change, LaneChange)
+            is_change = is_change and all(isinstance(one, Integral) for one in lane_change[:2])
+            origin, target = lane_change[:2] if is_change else (-1, -1)
             fits = abs(target - origin) == 1 and is_open(origin, road) and is_open(target, road)
             fits = fits and road.lane_of(arrays[1, EGO]) in (origin, target)
         if not fits:

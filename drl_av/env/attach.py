@@ -170,7 +170,13 @@ def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
     _, road = around.read()
 
     def check_on_types() -> SafetyCheck:
-        return named_check(config, around.vehicle_types(config.ego), road)
+        try:
+            return named_check(config, around.vehicle_types(config.ego), road)
+        except ConfigError as error:
+            text = str(error)
+            for name, option in OF_SUMO.items():
+                text = text.replace(f"simulation.{name}", f"SUMO's option {option}")
+            raise ConfigError(text) from error
 
     if config.safety.check == "strict":
         around.after_new_types = check_on_types
@@ -183,6 +189,13 @@ def _require_right_of_way(around: Surroundings) -> None:
             f"Under the check strict no lane of the route may give way or have a light, because "
             f"crossing vehicles keep to no bound, and {lane} does: take {FALLBACK_CHECK}."
         )
+
+
+OF_SUMO = {
+    "step_length_s": "--step-length",
+    "lateral_resolution_m": "--lateral-resolution",
+}
+"""The settings [simulation] that SUMO has, not the user's config, and the option of each."""
 
 
 class AttachedEgo:

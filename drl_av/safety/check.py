@@ -94,14 +94,17 @@ def whole_verdicts(check: SafetyCheck, scene: Scene) -> Verdicts | None:
 
 
 def _require_verdicts(verdicts: Verdicts) -> Verdicts:
-    """Return the verdicts; raise ConfigError unless they are numbers of actions and of rules."""
+    """Return the verdicts, without rules for an action that is kept, as ``apply_check`` does.
+
+    Raises ConfigError unless they are numbers of actions and of rules.
+    """
     with suppress(TypeError, ValueError):
         whole = (np.asarray(part).astype(np.int64, casting="safe") for part in verdicts)
         found, numbers = Verdicts(*whole), np.arange(len(ACTIONS))
         known = np.isin(found.executed, numbers) & np.isin(found.rules, np.arange(len(RULES)))
         known &= (found.executed == numbers) | (found.rules > 0)
         if known.shape == numbers.shape and known.all():
-            return found
+            return found._replace(rules=np.where(found.executed == numbers, 0, found.rules))
     raise ConfigError(
         f"The safety check returned the verdicts {verdicts!r}, but must return, for each of the "
         f"{len(ACTIONS)} actions, the number of the executed action and of the rules that replaced "

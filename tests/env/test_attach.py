@@ -578,7 +578,7 @@ def test_the_user_s_own_check_decides(net: Path) -> None:
         ("", {"safety_check": 5}, "safety_check is 5, but must be a function of"),
         (
             *(USUAL.replace("3.5", "0.8"), {"safety_check": "strict"}),
-            r"lateral_resolution_m must be at least the lane width, 3.5",
+            r"SUMO's option --lateral-resolution must be at least the lane width, 3.5",
         ),
         ("", {"connection": "sumo"}, "connection is 'sumo', but must be the module libsumo"),
     ],

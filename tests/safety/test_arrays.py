@@ -124,6 +124,9 @@ def test_the_arrays_of_an_episode_in_sumo_give_the_verdicts_of_the_environment()
         ({"lane_change": LaneChange(0, 2)}, "origin=0, target=2"),
         ({"lane_change": LaneChange(0, 1), "y_m": 7.6}, "y_m = 7.6 with .*origin=0, target=1"),
         ({"lane_change": LaneChange(0, -1)}, "origin=0, target=-1"),
+        ({"lane_change": (0, 1, 0.0)}, r"with lane_change \(0, 1, 0.0\)"),
+        ({"lane_change": LaneChange(0.0, 1.0)}, r"origin=0\.0, target=1\.0"),  # type: ignore[arg-type]
+        ({"lane_width_m": "wide"}, "3 lanes of 'wide' m cannot"),
     ],
 )
 def test_arrays_that_are_no_scene_are_refused(wrong: dict[str, Any], reason: str) -> None:

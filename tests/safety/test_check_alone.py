@@ -127,6 +127,13 @@ class Whole(WholeCheck):
         return found
 
 
+def test_a_check_of_all_actions_that_names_a_rule_and_keeps_the_action_has_permitted_it() -> None:
+    with closing(HighwayEnv(config=SHORT, safety_check=Whole([3] * 12, [1] * 12))) as env:
+        env.reset(seed=1)
+        assert [env.step(action)[-1]["rule"] for action in (3, 0, 3)] == ["none", "in_lane", "none"]
+        assert env.step(3)[-1]["safety_triggers"] == 1
+
+
 @pytest.mark.parametrize(
     ("executed", "rules"),
     [
