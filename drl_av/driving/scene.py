@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,7 +104,8 @@ class Scene:
                 "the ego first, or one number, all finite, and length_m and width_m above 0."
             ) from error
         there = int(lanes) if isinstance(lanes, Integral) else 0
-        width_m = float(lane_width_m) if isinstance(lane_width_m, Real) else 0.0
+        is_number = np.ndim(lane_width_m) == 0 and np.asarray(lane_width_m).dtype.kind in "fiu"
+        width_m = float(lane_width_m) if is_number else 0.0
         road = Road(OPEN_LAP_M, width_m, (True,) * there, end_m=OPEN_LAP_M)
         fits = 0.0 < width_m < OPEN_LAP_M and is_open(road.lane_of(arrays[1, EGO]), road)
         if fits and lane_change is not None:

@@ -22,7 +22,7 @@ from drl_av.env.observation import default_groups, observation_function
 from drl_av.errors import ConfigError, SimulationError
 from drl_av.road.road import CENTERED_M, Road
 from drl_av.road.snapshot import EGO, Command, Snapshot
-from drl_av.road.vehicle_types import LENGTHS_M
+from drl_av.road.vehicle_types import LENGTHS_M, VehicleType, VehicleTypes
 from drl_av.safety import named_check
 from drl_av.safety.assumptions import FALLBACK_CHECK
 from drl_av.safety.check import SafetyCheck, apply_check
@@ -169,18 +169,28 @@ def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
         around.after_reroute()
     _, road = around.read()
 
-    def check_on_types() -> SafetyCheck:
+    judged = set[VehicleType]()
+
+    def check_on(types: VehicleTypes) -> SafetyCheck:
         try:
-            return named_check(config, around.vehicle_types(config.ego), road)
+            check = named_check(config, types, road)
         except ConfigError as error:
             text = str(error)
             for name, option in OF_SUMO.items():
                 text = text.replace(f"simulation.{name}", f"SUMO's option {option}")
             raise ConfigError(text) from error
+        judged.update(types.others.values())
+        return check
 
+    def judge_what_is_new() -> None:
+        types = around.vehicle_types(config.ego)
+        if not judged.issuperset(types.others.values()):
+            check_on(types)
+
+    check = check_on(around.vehicle_types(config.ego))
     if config.safety.check == "strict":
-        around.after_new_types = check_on_types
-    return check_on_types()
+        around.at_reading = judge_what_is_new
+    return check
 
 
 def _require_right_of_way(around: Surroundings) -> None:

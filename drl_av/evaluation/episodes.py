@@ -17,6 +17,7 @@ from drl_av.env.custom import NOTHING_CUSTOM, CustomParts
 from drl_av.env.episode_start import TRAINING_SEED_RANGE
 from drl_av.env.highway import HighwayEnv
 from drl_av.env.metrics import EpisodeMetrics, EpisodeResult
+from drl_av.env.observation import default_groups
 from drl_av.env.rollout import drive
 from drl_av.env.transition import Transition
 from drl_av.errors import ConfigError, DrlAvWarning, warn
@@ -150,7 +151,9 @@ def drivers_in(
     env: HighwayEnv, custom: CustomParts, specs: Sequence[DriverSpec]
 ) -> dict[str, Driver]:
     """Make drivers for an environment that has these parts of the user, as ``make_drivers``."""
-    seen = None if custom.observation is None else env.observation_space
+    given, usual = custom.observation, default_groups(env.config.observation)
+    is_usual = given is None or (isinstance(given, list | tuple) and tuple(given) == usual)
+    seen = None if is_usual else env.observation_space
     return make_drivers(specs, env.config, env.safety_check, seen)
 
 

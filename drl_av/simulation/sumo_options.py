@@ -115,7 +115,12 @@ def require_one_process(given: str | Sequence[str]) -> None:
     """Raise ConfigError if SUMO would write one file in several processes."""
     words = option_words(given)
     its = (f"the additional file {name}, which writes {file}" for name, file in _written(words))
-    own = (word for word in words if WRITES.search(word) or BY_VEHICLE.search(word))
+    pairs = itertools.pairwise((*words, ""))
+    own = (
+        word
+        for word, value in pairs
+        if WRITES.search(word) or (BY_VEHICLE.search(word) and value not in ("0", "false"))
+    )
     if written := next(itertools.chain(own, its), None):
         raise ConfigError(
             f"sumo_options has {written}, and several processes would write one file: take one "

@@ -88,9 +88,9 @@ class Surroundings:
         """The width of each lane of the route, metres."""
         self.after_reroute: Callable[[], None] = lambda: None
         """A function that is called where SUMO or the user has changed the route."""
-        self.after_new_types: Callable[[], object] = lambda: None
-        """A function that is called where SUMO has further vehicle types."""
-        self._types = sumo.vehicletype.getIDCount()
+        self.at_reading: Callable[[], object] = lambda: None
+        """A function that is called before each reading: SUMO may have loaded more."""
+        self._is_judged = True
         self._read_route()
 
     @property
@@ -104,10 +104,11 @@ class Surroundings:
         vehicle = self._sumo.vehicle
         if vehicle.getRoute(self.name) != self.route:
             self._read_route()
+            self._is_judged = False
+        if not self._is_judged:
             self.after_reroute()
-        if (types := self._sumo.vehicletype.getIDCount()) != self._types:
-            self._types = types
-            self.after_new_types()
+            self._is_judged = True
+        self.at_reading()
         self._edge = _edge_of(vehicle.getLaneID(self.name))
         self._find_strips()
         here_m = ORIGIN_M + vehicle.getLanePosition(self.name)

@@ -149,6 +149,8 @@ def test_a_run_is_not_fed_another_observation_of_as_many_numbers() -> None:
     groups = tuple(GROUPS)[6::-1]
     with pytest.raises(RunError, match="pretrained-paper observes the indicators alone: drive it"):
         drl_av.evaluate("pretrained-paper", vehicles=[2], episodes=1, observation=groups)
+    usual = tuple(GROUPS)[:7]
+    drl_av.evaluate("pretrained-paper", vehicles=[2], episodes=1, observation=usual)
 
 
 def test_folder_without_a_policy_and_damaged_policy_are_refused(tmp_path: Path) -> None:

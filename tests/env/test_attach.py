@@ -1,7 +1,7 @@
 """A driver and a check for one vehicle of the user's own SUMO, in a network that is not ours."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -611,17 +611,35 @@ def test_a_type_that_brakes_harder_or_later_is_refused_under_strict(
     assert "\n" not in str(error.value)
 
 
-def test_a_type_that_sumo_loads_later_must_keep_to_the_bounds_of_strict_too(net: Path) -> None:
+def loads_a_type() -> None:
+    sumo.vehicletype.copy("car", "hard")
+    sumo.vehicletype.setEmergencyDecel("hard", 9.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind"),
+    [
+        (loads_a_type, "hard"),
+        (lambda: sumo.vehicle.add("usual", "on"), "DEFAULT_VEHTYPE"),
+        (lambda: sumo.vehicle.setEmergencyDecel("other", 9.0), "car@other"),
+        (lambda: (sumo.vehicle.remove("other"), loads_a_type()), "hard"),
+    ],
+)
+def test_a_type_that_is_new_later_must_keep_to_the_bounds_of_strict_too(
+    changes: Callable[[], object], kind: str, net: Path
+) -> None:
     begin(net, car("ego", 2, 100) + car("other", 1, 100))
     ego, *_ = attached("gap-mobil", "strict")
     sumo.vehicletype.copy("car", "soft")
     sumo.vehicle.setTau("other", 1.2)  # SUMO makes a type for it alone
     sumo.simulationStep()
     drive(ego, 2.0)
-    sumo.vehicletype.copy("car", "hard")
-    sumo.vehicletype.setEmergencyDecel("hard", 9.0)
-    with pytest.raises(ConfigError, match="the emergencyDecel of the vehicle type hard must be at"):
+    changes()
+    with pytest.raises(ConfigError, match=f"of the vehicle type {kind} must be at most"):
         drive(ego, 2.0)
+    sumo.simulationStep()
+    with pytest.raises(ConfigError, match=f"of the vehicle type {kind} must be at most"):
+        ego.step()  # it does not drive on
 
 
 def test_the_default_type_is_refused_under_strict_if_a_vehicle_has_it(net: Path) -> None:

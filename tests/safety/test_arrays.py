@@ -44,7 +44,8 @@ def test_the_paper_check_brakes_hard_two_seconds_behind_a_slower_vehicle() -> No
 
 
 def test_a_number_counts_for_all_vehicles_and_lengths_shorten_the_gap() -> None:
-    truck = Scene.from_arrays([0.0, 60.0], 3.8, 25.0, length_m=[5.0, 15.0], lane_width_m=3.8)
+    width_m = np.array(3.8)  # as np.load returns a number
+    truck = Scene.from_arrays([0.0, 60.0], 3.8, 25.0, length_m=[5.0, 15.0], lane_width_m=width_m)
     front = truck.affordances.own_front
     assert (front.gap_m, front.relative_speed_m_s) == (50.0, 0.0)
     seen = truck.affordances
