@@ -119,13 +119,9 @@ class FileStudy:
         for part in ("variants", "trainings", "tables", "figures"):
             for each in _single(content.get(part, {}).values()):
                 _checked(self.path, part, each)
-                if part == "trainings" and "seeds" in each:
-                    own = _checked(self.path, "seeds", each["seeds"])
-                    if own["count"] < 1 or own.get("first", 0) < 0:
-                        raise ConfigError(
-                            f"{self.path} has a training with the seeds {own}: name one or more, "
-                            "from 0 on."
-                        )
+                own = _checked(self.path, "seeds", each.get("seeds", {"count": 1}))
+                if own["count"] < 1:
+                    raise ConfigError(f"{self.path} has a training with {own['count']} seeds.")
                 if (
                     part == "tables"
                     and each.get("rows")

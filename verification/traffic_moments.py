@@ -86,7 +86,12 @@ def lanes(shot: Snapshot, road: Road) -> FloatArray:
 
 def lane_changes(shots: Sequence[Snapshot], road: Road) -> int:
     """Return how often the vehicles besides the ego change lanes from one snapshot to the next."""
-    return int(np.count_nonzero(np.diff([lanes(shot, road)[1:] for shot in shots], axis=0)))
+    changes, before = 0, dict[str, int]()
+    for shot in shots:
+        now = dict(zip(shot.ids[1:], lanes(shot, road)[1:].tolist(), strict=True))
+        changes += sum(before.get(name, lane) != lane for name, lane in now.items())
+        before = now
+    return changes
 
 
 def snapshots(env: HighwayEnv, driver: Driver, seed: int, vehicles: int) -> list[Snapshot]:

@@ -27,7 +27,7 @@ from drl_av.evaluation.statistics import mean_with_interval
 from drl_av.road.road import Road
 from drl_av.road.snapshot import Snapshot
 from verification.program import Program, run_program
-from verification.traffic_moments import lanes
+from verification.traffic_moments import lane_changes
 
 ROADS = ("straight", "merge", "exit", "ramp_to_ramp")
 TRAFFIC = ("calm", "overtaking", "naturalistic")
@@ -70,14 +70,8 @@ def equal_vehicles(one: Sequence[Snapshot], other: Sequence[Snapshot], end_m: fl
 
 def changes_per_km(drives: Sequence[Drive], road: Road) -> float:
     """Return the lane changes of the other vehicles per vehicle-km."""
-    changes, metres = 0, 0.0
-    for drive in drives:
-        before: dict[str, int] = {}
-        for shot in drive.shots:
-            now = dict(zip(shot.ids[1:], lanes(shot, road)[1:].tolist(), strict=True))
-            changes += sum(before.get(name, lane) != lane for name, lane in now.items())
-            before, metres = now, metres + float(shot.speed_m_s[1:].sum())
-    return 1000 * changes / metres
+    metres = sum(float(shot.speed_m_s[1:].sum()) for drive in drives for shot in drive.shots)
+    return 1000 * sum(lane_changes(drive.shots, road) for drive in drives) / metres
 
 
 def compare(road: str, kind: str, drivers: Sequence[str], episodes: int) -> None:

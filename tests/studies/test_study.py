@@ -126,11 +126,7 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
     [
         ("vehicles = [1, 3]", "vehicels = [1, 3]", r"unknown key 'vehicels' \(did you mean 'vehic"),
         ("first = 7", "frist = 7", r"unknown key 'frist' \(did you mean 'first'"),
-        (
-            'columns = "vehicles"\n',
-            "",
-            "table with one of value and columns, which belong together",
-        ),
+        ('columns = "vehicles"\n', "", "with one of value and columns, which belong together"),
         ("first = 7", "first = 999_999", "has the seeds from 999999 to 1000000: .* of 0 to 999"),
         ("count = 2", "count = -2", "name one or more of 0 to 999999"),
         ("count = 2", "count = true", "count is True, but must be a whole number"),
@@ -142,17 +138,9 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
         ("vehicles = [1, 3]", "vehicles = [1, '3']", "vehicles is '3', but must be a whole number"),
         ('"vehicles", "seed", "driver"]', '"sed"]', "order has 'sed', but must be of driver, "),
         ('order = ["t_min_s", ', "order = [", "order does not tell apart: add vehicles, seed, dri"),
-        (
-            '"vehicles", "seed", "driver"]',
-            '"vehicles", "driver"]',
-            "order does not tell apart: add",
-        ),
+        ('"vehicles", "seed", "driver"]', '"vehicles", "driver"]', "order does not tell apart: "),
         ('columns = ["t_min_s", ', "columns = [", "order has 't_min_s', which columns lacks: add"),
-        (
-            '"mean_speed_m_s", "e',
-            '"mean_sped", "e',
-            "lacks the column 'mean_sped' .did you m",
-        ),
+        ('"mean_speed_m_s", "e', '"mean_sped", "e', "lacks the column 'mean_sped' .did you m"),
         ('columns = { t_min_s = "1.5" }\n', "", "an episode lacks the column 't_min_s'"),
         ('drivers = ["idm"]\ns', "episodes = 0\ns", "has the seeds from 7 to 6: name one or more"),
         ("vehicles = [1, 3]", "", "mine.toml drives nothing: name drivers and vehicles"),
@@ -166,17 +154,13 @@ def test_rows_of_other_settings_are_refused_and_nothing_changes(
             *("[tables.", '[trainings."a-{sed}"]\nbase = "paper"\n[tables.'),
             "'a-{sed}' may have {seed}, {traffic} in braces, but nothing else",
         ),
-        (
-            'labels = ["ve',
-            'titel = "M"\nlabels = ["ve',
-            "unknown key 'titel' .did you mean 't",
-        ),
+        ('labels = ["ve', 'titel = "M"\nlabels = ["ve', "unknown key 'titel' .did you mean 't"),
         ('text = "{ego', 'txt = "{ego', "unknown key 'txt'"),
         (', text = "{ego_hit} of {episodes}"', "", r"has the measure \{'head': 'hits'\}: it must"),
         ('columns = "vehicles"\nvalue', 'colums = "vehicles"\nvalue', "unknown key 'colums'"),
         (
             *("[tables.", '[trainings."a-{seed}"]\nbase="paper"\nseeds={count=0}\n[tables.'),
-            "has a training with the seeds {'count': 0}: name one or more",
+            "has a training with 0 seeds",
         ),
         ('text = "{ego', 'gain = "{ego', "it must name with over .or of. what the rows are comp"),
         ("{ head = ", "{ digits = 1, hed = ", "unknown key 'hed'"),
@@ -198,22 +182,10 @@ def test_a_file_that_is_no_study_is_one_sentence(
     ("text", "wrong", "sentence"),
     [
         ('rows = ["t_min_s", "label"]', 'rows = ["t_min"]', "table mine .*names 't_min', which"),
-        (
-            'mean = "mean_speed_m_s"',
-            'mean = "mean_sped"',
-            "table mine cannot .*'mean_sped'",
-        ),
+        ('mean = "mean_speed_m_s"', 'mean = "mean_sped"', "table mine cannot .*'mean_sped'"),
         ("{ego_hit} of", "{ego_hits} of", "table mine .*names 'ego_hits', which"),
-        (
-            'interval = "mean_sp',
-            'interval = "mean_sd',
-            "figure mine .*'mean_sdeed_m_s'",
-        ),
-        (
-            'x = "vehicles"',
-            'x = "vehicle"',
-            "figure mine .*names 'vehicle', which",
-        ),
+        ('interval = "mean_sp', 'interval = "mean_sd', "figure mine .*'mean_sdeed_m_s'"),
+        ('x = "vehicles"', 'x = "vehicle"', "figure mine .*names 'vehicle', which"),
     ],
 )
 def test_a_wrong_table_or_figure_is_one_sentence_and_the_rows_stay(
