@@ -48,7 +48,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from importlib import import_module
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from benchmark_rows import (
     NUMBERS,
@@ -126,8 +126,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("rows", nargs="*", metavar="ROW", help=f"of: {', '.join(ROWS)} (all)")
-    parser.add_argument("--rounds", type=int_at_least(1), default=5, help="(default: 5)")
-    parser.add_argument("--episodes", type=int_at_least(1), default=5, help="of each (default: 5)")
+    number: dict[str, Any] = {"type": int_at_least(1), "default": 5}
+    parser.add_argument("--rounds", help="number of rounds (default: 5)", **number)
+    parser.add_argument("--episodes", help="in each round (default: 5)", **number)
     parser.add_argument("--json", action="store_true", help="print a JSON list")
     options = parser.parse_args()
     if unknown := set(options.rows) - set(ROWS):

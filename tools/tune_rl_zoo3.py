@@ -130,7 +130,8 @@ def print_row(name: str, seed: object, rating: Rating) -> None:
 def main() -> None:
     """Search, train the best again beside the values by hand and the defaults, print tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int_at_least(1), default=16, help="(default: 16)")
+    text = "of the search (default: 16)"
+    parser.add_argument("--trials", type=int_at_least(1), default=16, help=text)
     parser.add_argument("--best", type=int, default=3, help="trained again (default: 3)")
     parser.add_argument("--again", type=int, nargs="+", help="train these trials, search none")
     parser.add_argument("--trainings", type=int, default=2, help="of each (default: 2)")

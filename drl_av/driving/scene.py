@@ -90,7 +90,7 @@ class Scene:
 
         Raises:
             ConfigError: the arrays do not fit together, a value is not finite, a body has no size,
-                there are no such lanes, or the ego is in none of them.
+                there are no such lanes, the ego is in none of them, or the lane change is none.
         """
         given = s_m, y_m, speed_m_s, lateral_speed_m_s, length_m, width_m
         try:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -96,8 +95,9 @@ def attach(
             f"{settings.ego.max_speed_m_s:g}: raise that, as in "
             f'config={{"ego": {{"max_speed_m_s": {math.ceil(speed_m_s) + 1}}}}}.'
         )
+    judge: Callable[[], None] = _nothing
     if own_check is None:
-        check: SafetyCheck = _named_check(around, settings)
+        check, judge = _named_check(around, settings)
     else:
         check = custom_check(own_check, settings)
     if isinstance(driver, str | Path):
@@ -109,7 +109,7 @@ def attach(
         )
     if settings.driver.hold_s and not isinstance(driver, SteadyDriver):
         driver = SteadyDriver(driver, check, settings)
-    return AttachedEgo(around, driver, check, settings, connection.simulation.getTime)
+    return AttachedEgo(around, driver, check, judge, settings, connection.simulation.getTime)
 
 
 def _sight_m(config: Config) -> float:
@@ -162,14 +162,16 @@ def _specs(
     return [replace(spec, under=None) for spec in specs], settings
 
 
-def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
-    """Return the check that the config names; raise ConfigError if ``strict`` does not hold."""
-    if config.safety.check == "strict":
-        around.after_reroute = partial(_require_right_of_way, around)
-        around.after_reroute()
-    _, road = around.read()
+def _named_check(around: Surroundings, config: Config) -> tuple[SafetyCheck, Callable[[], None]]:
+    """Return the check that the config names, and a function that judges what has changed since.
 
-    judged = set[VehicleType]()
+    Both raise ConfigError if ``strict`` does not hold: SUMO may load types, and change the route.
+    """
+    is_strict = config.safety.check == "strict"
+    if is_strict:
+        _require_right_of_way(around)
+    route, judged = around.route, set[VehicleType]()
+    _, road = around.read()
 
     def check_on(types: VehicleTypes) -> SafetyCheck:
         try:
@@ -182,15 +184,20 @@ def _named_check(around: Surroundings, config: Config) -> SafetyCheck:
         judged.update(types.others.values())
         return check
 
-    def judge_what_is_new() -> None:
+    def judge() -> None:
+        nonlocal route
+        if around.route != route:
+            _require_right_of_way(around)
+            route = around.route
         types = around.vehicle_types(config.ego)
         if not judged.issuperset(types.others.values()):
             check_on(types)
 
-    check = check_on(around.vehicle_types(config.ego))
-    if config.safety.check == "strict":
-        around.at_reading = judge_what_is_new
-    return check
+    return check_on(around.vehicle_types(config.ego)), judge if is_strict else _nothing
+
+
+def _nothing() -> None:
+    """Judge nothing, for a check that assumes nothing."""
 
 
 def _require_right_of_way(around: Surroundings) -> None:
@@ -216,10 +223,12 @@ class AttachedEgo:
         around: Surroundings,
         driver: Driver,
         check: SafetyCheck,
+        judge: Callable[[], None],
         config: Config,
         clock: Callable[[], float],
     ) -> None:
-        self._around, self._driver, self._check, self._config = around, driver, check, config
+        self._around, self._driver, self._config = around, driver, config
+        self._check, self._judge = check, judge
         self._groups = default_groups(config.observation)
         self._commands: list[Command] = []
         self._lane_change: LaneChange | None = None
@@ -268,6 +277,7 @@ class AttachedEgo:
     def _decide(self) -> dict[str, Any]:
         """Observe, decide and check; store the commands of the SUMO steps of this second."""
         config, (shot, road) = self._config, self._around.read()
+        self._judge()
         seen = compute_indicators(shot, road, config.observation.range_m)
         scene = Scene(shot, seen, self._lane_change_on(shot, road), road)
         affordances = scene.affordances

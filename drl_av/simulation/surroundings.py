@@ -1,7 +1,7 @@
 """The road and the vehicles around one vehicle of any SUMO simulation, as ours describe them."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise, zip_longest
 from typing import Any, NamedTuple, TypeAlias
 
@@ -86,11 +86,6 @@ class Surroundings:
         """The edges of the vehicle's route when it was read last."""
         self.lane_width_m = math.nan
         """The width of each lane of the route, metres."""
-        self.after_reroute: Callable[[], None] = lambda: None
-        """A function that is called where SUMO or the user has changed the route."""
-        self.at_reading: Callable[[], object] = lambda: None
-        """A function that is called before each reading: SUMO may have loaded more."""
-        self._is_judged = True
         self._read_route()
 
     @property
@@ -104,11 +99,6 @@ class Surroundings:
         vehicle = self._sumo.vehicle
         if vehicle.getRoute(self.name) != self.route:
             self._read_route()
-            self._is_judged = False
-        if not self._is_judged:
-            self.after_reroute()
-            self._is_judged = True
-        self.at_reading()
         self._edge = _edge_of(vehicle.getLaneID(self.name))
         self._find_strips()
         here_m = ORIGIN_M + vehicle.getLanePosition(self.name)
