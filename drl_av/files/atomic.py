@@ -15,6 +15,11 @@ from tempfile import TemporaryDirectory, gettempdir
 
 from drl_av.errors import DrlAvError, RunError
 
+OF_A_RUN = {
+    *("config.toml", "checkpoint.safetensors", "policy.safetensors"),
+    *("episodes.csv", "evaluations.csv"),
+}
+"""Files of a training's run folder, which no other command may overwrite."""
 LEAST_BYTES = 4096
 """The least free disk space, bytes, that ``require_writable`` demands for a file."""
 
@@ -115,7 +120,8 @@ def require_writable(
     reads, and ``by_sumo`` the files that SUMO writes at the same time.
 
     Raises:
-        DrlAvError: a path is not writable, is a folder, occurs twice, or is one of ``inputs``.
+        DrlAvError: a path is not writable, is a folder, belongs to a run (``OF_A_RUN``), occurs
+            twice, or is one of ``inputs``.
     """
     asked = [path for path in paths if path is not None]
     read = {_target(Path(name)) for name in inputs if name is not None}
@@ -141,6 +147,8 @@ def _try(path: Path) -> None:
     if path.exists() and not path.is_file():
         raise DrlAvError(f"{path} exists and is no regular file: name a file.")
     target = _target(path)
+    if target.name in OF_A_RUN and target.exists() and target.with_name("config.toml").exists():
+        raise DrlAvError(f"{path} belongs to the run in that folder: name another file.")
     try:
         with _unfinished(target) as probe:
             held = target.stat().st_size if target.exists() else 0

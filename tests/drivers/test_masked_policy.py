@@ -13,7 +13,7 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
-from runs import Capsys, files_of
+from runs import Capsys, files_of, replace_in
 from worlds import LEFT, ahead, behind, scene
 
 import drl_av
@@ -214,8 +214,7 @@ def test_a_driver_of_another_range_and_a_damaged_file_are_refused(
         load_driver(cut)
     other = tmp_path / "other"
     shutil.copytree(run, other)
-    text = (other / "config.toml").read_text()
-    (other / "config.toml").write_text(text.replace("max_speed_m_s = 30.0", "max_speed_m_s = 25.0"))
+    replace_in(other / "config.toml", "max_speed_m_s = 30.0", "max_speed_m_s = 25.0")
     with pytest.raises(CheckpointError, match="belongs to other settings than"):
         load_driver(other)
     load_driver(other / "policy.safetensors")

@@ -56,6 +56,23 @@ def test_a_figure_that_does_not_fit_on_the_disk_leaves_the_one_of_before(
     assert path.read_text() == "before"
 
 
+@pytest.mark.parametrize("name", ["policy.safetensors", "evaluations.csv", "config.toml"])
+def test_nothing_is_written_over_what_belongs_to_a_run(tmp_path: Path, name: str) -> None:
+    run, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
+    for folder in (run, elsewhere):
+        folder.mkdir()
+        (folder / "evaluations.csv").write_text("mine")
+    require_writable(run / name, elsewhere / "evaluations.csv")  # no run yet
+    for own in ("config.toml", name):
+        (run / own).write_text("the run's")
+    with pytest.raises(DrlAvError, match="belongs to the run in that folder: name another file"):
+        require_writable(run / name)
+    (tmp_path / "link").symlink_to(run / name)
+    with pytest.raises(DrlAvError, match="belongs to the run"):
+        require_writable(tmp_path / "link")
+    require_writable(run / "table.csv", elsewhere / "evaluations.csv")
+
+
 def test_the_file_is_on_the_disk_before_it_has_its_name_and_its_name_afterwards(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
